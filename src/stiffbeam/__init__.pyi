@@ -15,7 +15,7 @@ from .model.contact import Stops as Stops
 from .model.members import perturbed_members as perturbed_members
 from .model.members import varied_members as varied_members
 from .model.modes import modal_damping as modal_damping
-from .model.natural_modes import modes as modes
+from .model.modes import modes as modes
 from .model.problem import BeamProblem as BeamProblem
 from .model.problem import DistributedLoad as DistributedLoad
 from .model.problem import PointLoad as PointLoad

@@ -179,7 +179,7 @@ def test_public_names_have_numpydoc_sections():
 
 @pytest.mark.slow
 def test_examples_in_docstrings_print_what_they_show():
-    from stiffbeam.model.ode import ODE
+    from stiffbeam.model.right_hand_side import ODE
 
     runner, tried = doctest.DocTestRunner(), 0
     for value in [*(getattr(sb, name) for name in sb.__all__), ODE]:

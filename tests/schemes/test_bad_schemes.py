@@ -117,26 +117,13 @@ def test_a_step_that_breaks_the_contract(scheme, words):
         sb.integrate(three_masses(), scheme, 0.01, 0.1)
 
 
-def subclass_of(kind, **methods):
-    """A subclass of ``kind``."""
-    return type("Own", (kind,), methods)
-
-
 ROW, ONE, PLAIN = np.ones(1), np.eye(1), sb.Stops(upper=1.0, stiffness=1.0)
-# Its own constructor checks nothing, so that whoever takes it must look.
-UNCHECKED = subclass_of(sb.Stops, __post_init__=lambda self: None)(upper=1.0, stiffness=1.0)
-SUBCLASSES = [
-    lambda: subclass_of(sb.Stops)(upper=0.1, stiffness=1e4), lambda: sb.Contact(ROW, UNCHECKED),
-    lambda: sb.BeamProblem(stiffness=1.0, stops=UNCHECKED), lambda: subclass_of(sb.Harmonic)(1.0, 2.0),
-    lambda: subclass_of(sb.System).from_matrices(ONE, ONE, observe=ROW), lambda: subclass_of(sb.Contact)(ROW, PLAIN),
-    lambda: subclass_of(sb.BeamProblem)(stiffness=1.0),
-]  # fmt: skip
 
 
-@pytest.mark.parametrize("make", SUBCLASSES)
-def test_a_subclass_whose_methods_would_be_ignored(make):
+@pytest.mark.parametrize("kind", [sb.Stops, sb.Harmonic, sb.System, sb.Contact, sb.BeamProblem, sb.PointLoad])
+def test_a_subclass_whose_methods_would_be_ignored(kind):
     with pytest.raises(sb.InputError, match=r"itself.*what a subclass overrides would be ignored"):
-        make()
+        type("Own", (kind,), {})
 
 
 def conserving(scheme=None, **law):

@@ -60,20 +60,6 @@ def is_read_only(values: Any) -> bool:
     return isinstance(values, np.ndarray) and _READ_ONLY.get(id(values)) is values and not values.flags.writeable
 
 
-class Frozen:
-    """Base of frozen dataclasses with arrays of floats, whose copies hold read-only arrays too."""
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # A pickled array can be written to again.
-        self.__dict__.update({name: _frozen(value) for name, value in state.items()})
-
-
-def _frozen(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return tuple(map(_frozen, value))
-    return read_only(value) if isinstance(value, np.ndarray) else value
-
-
 def same(a: Array | None, b: Array | None) -> bool:
     """Return True if a and b are equal number by number; None equals only itself."""
     if a is None or b is None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,7 +17,6 @@ from .validation import InputError
 
 Show = Callable[[str, int, int], None]
 WAIT = 3.0  # s of work, after which a call from Python shows what is going on
-LOOK = 0.05  # s between two looks at the call in progress
 
 
 @dataclass
@@ -44,9 +42,12 @@ class Display:
     seconds."""
 
     def __init__(self, what: str, asked: bool) -> None:
-        self.now, self.opens = (what, 0, 0), time.perf_counter() + WAIT
+        self.now = (what, 0, 0)
         self.bar = self.drawn() if asked else None
-        _WATCH.wait_for(self if self.bar is None else None)
+        self.timer = threading.Timer(WAIT, self.open)
+        self.timer.daemon = True
+        if self.bar is None:
+            self.timer.start()
 
     def show(self, what: str, done: int, total: int) -> None:
         """State that ``done`` of ``total`` parts are done, total 0 where it is not known."""
@@ -62,6 +63,8 @@ class Display:
         self.bar = self.drawn()
         if self.bar is None:
             print(f"stiffbeam: {WAIT:g} s so far, now {self.now[0]}", file=sys.stderr, flush=True)
+        elif self.timer.finished.is_set():  # the call has ended meanwhile
+            self.bar.stop()
 
     def drawn(self) -> Any:
         """The bar, None where it cannot be drawn."""
@@ -80,43 +83,11 @@ class Display:
 
     def close(self) -> None:
         """End the display."""
-        _WATCH.wait_for(None)
+        self.timer.cancel()
         if self.bar is not None:
             self.bar.stop()
 
 
-class Watch:
-    """The display that waits for its time. Short calls one after the other share one thread, which ends with them."""
-
-    def __init__(self) -> None:
-        self._display: Display | None = None
-        self._lock, self._runs = threading.Lock(), False
-
-    def wait_for(self, display: Display | None) -> None:
-        """Open this display at its time, in place of the one before; None: open none."""
-        with self._lock:
-            self._display = display
-            starts = display is not None and not self._runs
-            self._runs = self._runs or starts
-        if starts:
-            threading.Thread(target=self._look, daemon=True).start()
-
-    def _look(self) -> None:
-        while True:
-            time.sleep(LOOK)
-            with self._lock:
-                display = self._display
-                if display is None:
-                    self._runs = False
-                    return
-                due = time.perf_counter() >= display.opens
-                if due:
-                    self._display = None
-            if due:
-                display.open()
-
-
-_WATCH = Watch()
 _LOCK = threading.Lock()
 _calls: list[tuple[Any, Show]] = []  # calls in progress; the first has the display and the limit on BLAS
 

@@ -52,15 +52,15 @@ class InputError(ValueError):
     def __init__(self, field: str, value: Any, rule: str, remedy: str) -> None:
         value = float(value) if isinstance(value, ExactFloat) else value
         self.field, self.value, self.rule, self.remedy = field, value, rule, remedy
-        super().__init__(sentence([field, rule, shown(value), remedy], (" must ", ", got ", ": ")))
+        super().__init__(sentence(f"{field} must {rule}, got {shown(value)}: {remedy}"))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Arguments to rebuild the error in another process, without loss."""
         return type(self), (self.field, self.value, self.rule, self.remedy)
 
 
-def number(field: str, value: Any, exact: bool = False) -> float:
-    """``value`` as a finite float; an ExactFloat stays one.
+def number(field: str, value: Any, exact: bool = False, least: float = -math.inf, most: float = math.inf) -> float:
+    """``value`` as a finite float from ``least`` to ``most``; an ExactFloat stays one.
 
     exact: for a parameter of the problem, which may also be a text such as "0.001" or "pi/2", a Fraction
     or a Decimal, and then keeps its exact value for multiprecision.
@@ -80,6 +80,9 @@ def number(field: str, value: Any, exact: bool = False) -> float:
         raise InputError(field, value, "be a number in the range of float64", "give one below 1e308") from None
     if not math.isfinite(result):
         raise InputError(field, value, "be finite", "look at what it was computed from")
+    if not least <= result <= most:
+        rules = [f">= {least:g}"] * (least > -math.inf) + [f"<= {most:g}"] * (most < math.inf)
+        raise InputError(field, value, f"be {' and '.join(rules)}", f"for example {max(least, min(most, 1.0)):g}")
     return result
 
 
@@ -118,19 +121,11 @@ def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> 
     raise InputError(field, value, rule, remedy)
 
 
-def positive(field: str, value: Any, exact: bool = False) -> float:
-    """``value`` as a finite float > 0; ``exact`` as in ``number``."""
-    result = number(field, value, exact)
+def positive(field: str, value: Any, exact: bool = False, most: float = math.inf) -> float:
+    """``value`` as a finite float > 0; ``exact`` and ``most`` as in ``number``."""
+    result = number(field, value, exact, most=most)
     if result <= 0:
         raise InputError(field, value, "be > 0", "for example 1.0")
-    return result
-
-
-def non_negative(field: str, value: Any, exact: bool = False) -> float:
-    """``value`` as a finite float >= 0; ``exact`` as in ``number``."""
-    result = number(field, value, exact)
-    if result < 0:
-        raise InputError(field, value, "be >= 0", "for example 0.0")
     return result
 
 
@@ -177,22 +172,35 @@ def file_path(field: str, value: Any, remedy: str = "give a shorter one") -> Pat
     return Path(value)
 
 
-def instance(field: str, value: Any, known: type[Known], remedy: str) -> Known:
+def instance(field: str, value: Any, known: type[Known], remedy: str, rule: str = "") -> Known:
     """``value`` if it is an object of the type ``known``; else raise InputError."""
     if not isinstance(value, known):
-        raise InputError(field, f"a {type(value).__name__}", f"be a {known.__name__}", remedy)
+        raise InputError(field, value, rule or f"be a {known.__name__}", remedy)
     return value
 
 
-def itself(field: str, value: Any, known: type, remedy: str = "", rule: str = "") -> None:
-    """Raise InputError for what is no object of the type ``known``, by ``rule`` and ``remedy``, and for a subclass:
-    the computation uses its fields only and would ignore overrides."""
-    name = known.__name__
-    if not isinstance(value, known):
-        raise InputError(field, value, rule or f"be a {name}", remedy or f"make one with stiffbeam.{name}")
-    if type(value) is not known:
-        remedy = f"what a subclass overrides would be ignored: give a {name}"
-        raise InputError(field, f"a {type(value).__name__}", f"be a {name} itself", remedy)
+class Frozen:
+    """Base of the frozen dataclasses of a model. Their copies hold read-only arrays too, and they have no subclasses:
+    the computation uses their fields only and would ignore what a subclass overrides."""
+
+    def __init_subclass__(cls) -> None:
+        for base in cls.__bases__:
+            if is_dataclass(base):
+                rule, remedy = f"be a {base.__name__} itself", "what a subclass overrides would be ignored"
+                raise InputError(cls.__name__, "a subclass", rule, remedy)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {x.name: getattr(self, x.name) for x in fields(self)}  # type: ignore[arg-type]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # A pickled array can be written to again.
+        self.__dict__.update({name: _frozen(value) for name, value in state.items()})
+
+
+def _frozen(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_frozen, value))
+    return read_only(value) if isinstance(value, np.ndarray) else value
 
 
 def step_count(dt: float, t_end: float) -> int:
@@ -208,17 +216,14 @@ def step_count(dt: float, t_end: float) -> int:
 
 
 def near(name: Any, known: Iterable[str]) -> str:
-    """A remedy that lists the known names closest to ``name``, or all of them."""
+    """A remedy that lists the known names closest to ``name``, or all of them where none is close."""
     names = list(known)
     by_letters = {each.lower(): each for each in names}
     # The search takes time with the square of the length: 100 letters are enough for a name.
-    letters = get_close_matches(name[:100].lower(), by_letters, n=3, cutoff=0.5) if isinstance(name, str) else []
-    listed = "known: " + ", ".join(names) if names else "there is none"
-    if not letters:
-        return listed
-    question = "did you mean " + " or ".join(by_letters[each] for each in letters) + "?"
-    likely = get_close_matches(name[:100].lower(), letters, n=1, cutoff=0.7)
-    return question if likely else f"{question} {listed}"
+    letters = get_close_matches(name[:100].lower(), by_letters) if isinstance(name, str) else []
+    if letters:
+        return "did you mean " + " or ".join(by_letters[each] for each in letters) + "?"
+    return "known: " + ", ".join(names) if names else "there is none"
 
 
 def require_jax_float64() -> None:

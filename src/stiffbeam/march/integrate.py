@@ -15,7 +15,7 @@ from ..basics.progress import current, working
 from ..basics.resources import afford, clock, over
 from ..basics.validation import InputError, integer, one_of, positive, step_count
 from ..model.members import EnsembleMembers, as_members, march_apart
-from ..model.modes import modes, undamped_modes
+from ..model.modes import decoupled_modes, undamped_modes
 from ..model.system import System, require_system
 from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
@@ -49,7 +49,7 @@ class Plan:
         check_contract(self.scheme)
         self.rule = self.treatment.rule(system, self.scheme)  # of the contacts of ``system``
         # The modes, or where the damping couples them all unknowns, which then step together.
-        self.coordinates = Coordinates(system, modes(system))
+        self.coordinates = Coordinates(system, decoupled_modes(system))
         if self.rule != RIGID:
             length = block_length(self.coordinates, self.scheme, self.steps)
             self.stepper = Stepper(self.coordinates, self.scheme, self.dt, self.treatment, length, self.rule)

@@ -11,7 +11,7 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, Linear, rigid_steps, solve_node
 from ..model.contact import Contact, Stops, channel_motion
-from ..model.modes import modes
+from ..model.modes import decoupled_modes
 from ..model.system import System
 from ..model.time_functions import TimeFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme, Scheme
@@ -64,7 +64,7 @@ def rigid_states(system: System, scheme: Scheme, dt: float, steps: int) -> Itera
 
 def _pieces(system: System, scheme: Scheme, dt: float, count: int) -> Iterator[Piece]:
     """The run in pieces."""
-    basis, done, history = modes(system), 0, []
+    basis, done, history = decoupled_modes(system), 0, []
     view = Coordinates(system, basis)
     y = view.start(system.q0, system.v0)
     # A multistep scheme begins with its starter, whose states are its history, newest first.
@@ -173,7 +173,7 @@ def _weights(scheme: Scheme, dt: float) -> Array:
     the nodes. The trapezoidal rule, whose reactions swing about their mean for ever, has the spectral radius 1.
     """
     mass = System.from_matrices([[1.0]], [[0.0]], contacts=[Contact(np.ones(1), Stops(upper=1.0, stiffness=np.inf))])
-    free = StepMap(scheme, Coordinates(mass, modes(mass)), dt, reduced=False)
+    free = StepMap(scheme, Coordinates(mass, decoupled_modes(mass)), dt, reduced=False)
     T, P, at_nodes = free.transition[0], free.push[0], free.readers.at_nodes
     if not isinstance(scheme, RigidScheme):
         held = T - P @ np.linalg.solve(free.at_once[at_nodes], free.reading[0, at_nodes])

@@ -12,8 +12,7 @@ from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, number, numbers, one_of
 from ..march.probe import Coordinates, StepMap
-from ..model.modes import Modes
-from ..model.natural_modes import modes
+from ..model.modes import Modes, modes
 from ..model.system import System
 from ..schemes import Scheme
 from ..schemes.scheme import require_scheme

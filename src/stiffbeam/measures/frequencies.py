@@ -9,9 +9,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..model.modes import modes as uncoupled
-from ..model.modes import undamped_modes
-from ..model.natural_modes import modes
+from ..model.modes import decoupled_modes, modes, undamped_modes
 from ..model.scales import oscillates
 from ..model.system import System
 from ..model.time_functions import Drive, Sampled, Superposition, parts
@@ -72,7 +70,7 @@ def steady_state(system: System) -> tuple[Array, Array]:
     if samples:
         remedy = "replace the samples by a Harmonic"
         raise InputError("loads", "a sampled load", "be harmonic or constant for the steady motion", remedy)
-    basis, apart = undamped_modes(system), uncoupled(system)
+    basis, apart = undamped_modes(system), decoupled_modes(system)
     damping = basis.shapes.T @ system.damping @ basis.shapes if apart is None else np.diag(apart.damping)
     forces = basis.force(unit)
     y = np.zeros_like(forces)

@@ -19,14 +19,7 @@ from ..basics.validation import InputError, numbers
 from .problem import BeamProblem
 from .time_functions import Harmonic
 
-# Element matrices for (v_0, h v_0', v_1, h v_1'). MASS is times m h/420.
-MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
-BENDING = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])  # times EI/h^3
-# The same as (a a^T + b b^T): the mean curvature of an element and its slope.
-MEAN, SLOPE = np.array([0.0, -1.0, 0.0, 1.0]), np.sqrt(3.0) * np.array([2.0, 1.0, -2.0, 1.0])
 HELD = {"free": (), "pinned": (0,), "clamped": (0, 1)}
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # integrates loads of degree 8 along an element exactly
-POINTS, WEIGHTS = 0.5 * (POINTS + 1.0), 0.5 * WEIGHTS
 
 
 def free_unknowns(ends: tuple[str, str], M: int) -> Array:
@@ -139,8 +132,7 @@ def tip_response(problem: BeamProblem) -> complex:
 
 def _papers(problem: BeamProblem) -> None:
     """Raise InputError unless the ends and the damping are those of the paper's beam."""
-    if problem.for_elements or problem.tip_mass or problem.mass_damping:
-        description = f"{problem.supports}, tip mass {problem.tip_mass:g}, mass damping {problem.mass_damping:g}"
-        description += "".join(f", {name}" for name in problem.for_elements if name != "supports")
-        rule = "be clamped-free without tip mass and mass damping for the closed form"
-        raise InputError("problem", description, rule, "take stiffbeam.reference for other beams")
+    for name in (*problem.for_elements, "tip_mass", "mass_damping"):
+        if name in problem.for_elements or getattr(problem, name):
+            rule, remedy = "be left out for the closed form", "take stiffbeam.reference for other beams"
+            raise InputError(name, getattr(problem, name), rule, remedy)

@@ -10,18 +10,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics.arrays import Array, Frozen, read_only
-from ..basics.validation import InputError, constants, itself, non_negative, number, positive
+from ..basics.arrays import Array, read_only
+from ..basics.validation import Frozen, InputError, constants, instance, number, positive
 from ..kernels.march import contact_forces
 from . import contact_law
-from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, elastic
+from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, stored
 from .time_functions import TimeFunction, motion_function, offset_rate, offset_values
 
 STIFFEST = 1e200  # of a compliant stop: times a compliance it has to be a number
 
 
 @dataclass(frozen=True, repr=False)
-class Stops:
+class Stops(Frozen):
     """F = -(kappa d^p (1 + lambda d') + c d')_+ into the upper stop, d = u - g2 > 0, mirrored at the lower.
 
     F < 0 at the upper stop, F > 0 at the lower. A stop only pushes: where damping would turn F into a pull, contact
@@ -78,20 +78,15 @@ class Stops:
     motion: TimeFunction | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        itself("stops", self, Stops)
         # Every number by itself, then what the numbers must be to each other.
         if not self.rigid:
-            object.__setattr__(self, "stiffness", positive("stops.stiffness", self.stiffness, exact=True))
-            if self.stiffness > STIFFEST:
-                raise InputError("stops.stiffness", self.stiffness, f"be at most {STIFFEST:g}", "inf is a rigid stop")
+            vars(self)["stiffness"] = positive("stops.stiffness", self.stiffness, exact=True, most=STIFFEST)
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
-                object.__setattr__(self, side, number(f"stops.{side}", getattr(self, side), exact=True))
-        for name in LINEAR:
-            object.__setattr__(self, name, non_negative(f"stops.{name}", getattr(self, name), exact=True))
-        if self.exponent < 1.0:
-            remedy = "1 is linear, 3/2 is Hertz"
-            raise InputError("stops.exponent", self.exponent, "be >= 1, where the force has a slope", remedy)
+                vars(self)[side] = number(f"stops.{side}", getattr(self, side), exact=True)
+        for name, plain in LINEAR.items():
+            # Below the exponent 1 the force has no slope; its dampings are 0 in the linear law, and not negative.
+            vars(self)[name] = number(f"stops.{name}", getattr(self, name), exact=True, least=plain)
         # A rigid stop has an impact law in place of a law of force, a compliant one the reverse.
         for name, plain in LINEAR.items():
             if self.rigid and getattr(self, name) != plain:
@@ -100,18 +95,14 @@ class Stops:
             if not self.rigid:
                 remedy = "for compliant ones use damping or dissipation"
                 raise InputError("stops.restitution", self.restitution, "be left out unless stiffness=inf", remedy)
-            if not 0.0 <= number("stops.restitution", self.restitution) <= 1.0:
-                remedy = "0 takes all the speed, 1 none"
-                raise InputError("stops.restitution", self.restitution, "lie in [0, 1]", remedy)
-            object.__setattr__(self, "restitution", float(self.restitution))
+            vars(self)["restitution"] = number("stops.restitution", self.restitution, least=0.0, most=1.0)
         # The gap between the sides.
         if self.lower is None and self.upper is None:
             raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")
         if not self.lower_bound < self.upper_bound:
-            rule = f"be > stops.lower = {self.lower}"
-            raise InputError("stops.upper", self.upper, rule, "leave a gap between them")
+            raise InputError("stops.upper", self.upper, f"be > stops.lower = {self.lower}", "leave a gap between them")
         if self.position is not None:
-            object.__setattr__(self, "position", non_negative("stops.position", self.position, exact=True))
+            vars(self)["position"] = number("stops.position", self.position, exact=True, least=0.0)
         if self.motion is not None:
             motion_function("stops.motion", self.motion)
 
@@ -167,7 +158,7 @@ class Stops:
     @cached_property
     def linear(self) -> bool:
         """Return True where F = -kappa d, kappa finite."""
-        return not self.rigid and contact_law.is_linear(self.coefficients)
+        return not self.rigid and all(getattr(self, name) == plain for name, plain in LINEAR.items())
 
     @cached_property
     def dissipative(self) -> bool:
@@ -200,28 +191,19 @@ class Stops:
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v, with the ``velocity`` of v. InputError where F depends on one that is not given,
         and for a rigid stop."""
-        self.require_compliant("a law of force")
-        v, law = np.asarray(v, float), self.coefficients
-        out = np.clip(v, self.lower_bound, self.upper_bound) - v  # F pushes this way
-        if not self.dissipative:
-            return elastic(out, law)
-        if velocity is None:
+        if velocity is None and self.dissipative:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
-        # One formula for both sides: depth and rate count into the stop.
-        side = np.sign(out)
-        pressed = np.maximum(0.0, contact_law.pressure(np.abs(out), -side * velocity, law))
-        return np.where(out != 0.0, side * pressed, 0.0)
+        u, rate = np.broadcast_arrays(v, 0.0 if velocity is None else velocity)
+        return contact_forces(u, rate, self.law)
 
     def energy(self, v: ArrayLike) -> Array:
         """U(v): -U' is the force at rest. A rigid stop holds none."""
-        if self.rigid:
-            return np.zeros(np.shape(v))
-        return contact_law.stored(self.penetration(v), self.coefficients)
+        return np.zeros(np.shape(v)) if self.rigid else stored(self.penetration(v), self.coefficients)
 
     def dissipated(self, v: ArrayLike, velocity: ArrayLike) -> Array:
         """F + U', the force beyond that of the energy: it takes -(F + U') v' >= 0."""
-        return self.force(v, velocity) + elastic(self.penetration(v), self.coefficients)
+        return self.force(v, velocity) - self.force(v, 0.0)
 
     def state(self, v: ArrayLike, velocity: ArrayLike | None = None) -> NDArray[np.int64]:
         """chi = +1 where the upper stop presses, -1 where the lower does, else 0.
@@ -272,14 +254,13 @@ class Contact(Frozen):
         return f"<Contact on {used} of {len(self.row)} unknowns: {self.stops!r}{moved}>"
 
     def __post_init__(self) -> None:
-        itself("contact", self, Contact)
         given, rule = self.row, "be finite and not all zero"
         row = constants("contact.row", given, rule)
         row = row if row.ndim == 1 else read_only(row.ravel())
         if not np.any(row):
             raise InputError("contact.row", given, rule, "for example [0, 0, 1]")
-        object.__setattr__(self, "row", row)
-        itself("contact.stops", self.stops, Stops, "for example Stops(upper=0.1, stiffness=1e4)")
+        vars(self)["row"] = row
+        instance("contact.stops", self.stops, Stops, "for example Stops(upper=0.1, stiffness=1e4)")
         for name, remedy in (("position", "put it into the row"), ("motion", "its negative is an offset")):
             if getattr(self.stops, name) is not None:
                 rule = "be None in a contact, which has row and offset"

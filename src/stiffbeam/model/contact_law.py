@@ -91,9 +91,3 @@ def jumps(law: Law) -> Any:
 def damps(law: Law) -> Any:
     """Return True where F depends on the velocity."""
     return jumps(law) | (law.lam > 0.0)
-
-
-def is_linear(law: Law) -> Any:
-    """Return True where F = -kappa d."""
-    # & and | in place of ``and`` and ``or``: a Law may hold arrays.
-    return (law.p == 1.0) & (law.lam == 0.0) & (law.c == 0.0)

@@ -15,19 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, same
 from ..basics.resources import afford
-from ..basics.validation import (
-    InputError,
-    Rng,
-    generator,
-    instance,
-    integer,
-    near,
-    non_negative,
-    number,
-    numbers,
-    positive,
-    sequence,
-)
+from ..basics.validation import InputError, Rng, generator, instance, integer, near, number, numbers, positive, sequence
 from .contact import Stops
 from .modes import undamped_modes
 from .scales import scales
@@ -179,7 +167,7 @@ def perturbed_members(
     """
     require_system(system)
     integer("members", members, 1)
-    non_negative("size", size)
+    number("size", size, least=0.0)
     afford("members", members, "take fewer", floats=6.0 * members * (system.size + 60))  # a system is an object
     span = t_end if isinstance(t_end, float) and t_end == np.inf else positive("t_end", t_end)
     basis, motion = undamped_modes(system), scales(system, span)
@@ -269,23 +257,17 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     for path, value in values.items():
         number(path, value)
         value = positive(path, value) if path == "frequency" else value
-        places = _places(system, path)
         try:
-            system = _placed(system, [keys for place in places for keys in _keys_of(system, place)], value)
+            system = _placed(system, _keys_of(system, path), value)
         except LookupError as error:
             known = list(dict.fromkeys([*DRIVE, *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
-    if len(values) > 1:
-        require_kept(system, values)
-    return system
-
-
-def require_kept(system: System, values: Mapping[str, float]) -> None:
-    """Raise InputError where a later of several paths has changed the number of an earlier one."""
-    for path, value in values.items():
+    # A later path may have changed the number of an earlier one.
+    for path, value in values.items() if len(values) > 1 else ():
         with suppress(LookupError):  # a short name, or of several contacts one with another number
             if path.rpartition(".")[2] != SCALE and value_at(system, path) != value:
                 raise InputError("parameter", path, "be the only one to set its number", "leave out the other path")
+    return system
 
 
 DRIVE = ("frequency", "amplitude")
@@ -295,19 +277,17 @@ _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 def paths_of(system: System) -> list[str]:
     """The paths to all numbers of the problem or the system outside matrices and vectors."""
-    nodes = list(_walk(system.problem or system))
-    numbers = (Real, Decimal)
     return [
         f"{path}.{SCALE}" if isinstance(x, Sampled) else path
-        for path, x in nodes
-        if isinstance(x, Sampled) or (isinstance(x, numbers) and not isinstance(x, bool))
+        for path, x in _walk(system.problem or system)
+        if isinstance(x, (Sampled, Real, Decimal)) and not isinstance(x, bool)
     ]
 
 
 def value_at(system: System, path: str) -> float:
     """The number at a path or a short name. Raises LookupError where there is none, or different ones behind it."""
     found = set()
-    for keys in [keys for place in _places(system, path) for keys in _keys_of(system, place)]:
+    for keys in _keys_of(system, path):
         thing: Any = system.problem or system
         for key in keys:
             thing = _part(thing, key)
@@ -319,6 +299,8 @@ def value_at(system: System, path: str) -> float:
 
 def _keys_of(system: System, path: str) -> list[list[Any]]:
     """Names and indexes of a path from the problem or the system, one list for each number that it stands for."""
+    if path in DRIVE:
+        return [keys for place in _places(system, path) for keys in _keys_of(system, place)]
     keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
     # findall skips what it cannot read. Such a path does not read back as it was.
     if not keys or "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] != path:
@@ -410,9 +392,7 @@ def _walk(thing: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _places(system: System, name: str) -> list[str]:
-    """The path itself, or those to the frequency or the amplitude of the drive."""
-    if name not in DRIVE:
-        return [name]
+    """The paths to the frequency or the amplitude of the drive."""
     found = [(path, f) for path, f in _walk(system.problem or system) if isinstance(f, Harmonic)]
     # The drive: the first place in this order that has a Harmonic.
     places = ([f for path, f in found if path.startswith(x)] for x in ("base", "loads", "stops", "contacts"))

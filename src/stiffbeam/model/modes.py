@@ -1,4 +1,4 @@
-"""System -> modes: coordinates in which the linear part decouples, and damping given mode by mode.
+"""System -> modes, in which the linear part decouples where its damping allows, and damping given mode by mode.
 
 Of the eigenpairs of K x = lambda M x the smallest lambda has as many digits as the largest. A solver for symmetric
 matrices errs by eps lambda_max in every eigenvalue. Its vectors X are good enough to start from: S = X^T K X and
@@ -20,10 +20,10 @@ import scipy.linalg.lapack
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, Recent, content
-from ..basics.validation import InputError, numbers
+from ..basics.validation import InputError, integer, numbers
 from .equations import Modal
 from .problem import ratios_of
-from .system import System
+from .system import System, require_system
 
 EPS = float(np.finfo(float).eps)
 PASSES = 5
@@ -105,7 +105,40 @@ def undamped_modes(system: System) -> Modes:
     return _RECENT.get(("undamped", *matrices(system)), lambda: _undamped(system))
 
 
-def modes(system: System) -> Modes | None:
+def modes(system: System, count: int | None = None) -> Modes:
+    """Return the natural modes of a system away from its stops, whatever its damping.
+
+    Parameters
+    ----------
+    system : System
+    count : int, optional
+        Number of the slowest modes; by default all. For models of thousands of unknowns see ``reduce_model``.
+
+    Returns
+    -------
+    Modes
+
+    Raises
+    ------
+    InputError
+        For anything but a System, and for more modes than there are.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> sb.modes(sb.System.from_matrices([[2.0]], [[8.0]], damping=[[0.4]], observe=[1.0])).omega
+    array([2.])
+    """
+    require_system(system)
+    if count is not None:
+        integer("count", count, 1)
+    found = decoupled_modes(system) or _complex_modes(system)
+    if count is not None and count > len(found.omega):
+        raise InputError("count", count, f"be at most {len(found.omega)}, all modes", "leave it out for all")
+    return replace(found, omega=found.omega[:count], shapes=found.shapes[:, :count], damping=found.damping[:count])
+
+
+def decoupled_modes(system: System) -> Modes | None:
     """The modes of ``system``, or None if damping couples them: by more than what rounding each entry of the matrices
     would do, however small that is beside the damping of other modes.
 
@@ -172,12 +205,46 @@ def _undamped(system: System) -> Modes:
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
         squares, shapes = graded_eigenpairs(system.mass, system.stiffness, squares, back(vectors))
         omega = np.sqrt(np.maximum(squares, 0.0))
-    return Modes(np.ascontiguousarray(omega), _with_signs(shapes), damping=np.zeros(len(omega)), mass=system.mass)
+    shapes = shapes * np.where(_largest(shapes) < 0.0, -1.0, 1.0)  # equal systems have equal modes
+    return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
 
 
-def _with_signs(shapes: Array) -> Array:
-    """The shapes with one sign each, so that equal systems give equal modes."""
-    return shapes * np.where(shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])] < 0, -1.0, 1.0)
+def _complex_modes(system: System) -> Modes:
+    """The modes by the first-order form in undamped modal coordinates, scaled by their frequencies."""
+    # In undamped modes the matrices are diagonal but for the damping.
+    basis = undamped_modes(system)
+    n, scale = system.size, np.where(basis.omega > 0.0, basis.omega, 1.0)
+    # z = (scale eta, eta'): entries of one size, so that the slow eigenvalues are as good as the fast ones.
+    A = np.zeros((2 * n, 2 * n))
+    A[:n, n:] = np.diag(scale)
+    A[n:, :n] = -np.diag(basis.omega**2 / scale)
+    A[n:, n:] = -basis.shapes.T @ system.damping @ basis.shapes
+    values, left, vectors = (np.asarray(part, complex) for part in scipy.linalg.eig(A, left=True))
+    # One of each conjugate pair, and the real ones.
+    kept = np.imag(values) >= 0.0
+    values, vectors = values[kept], vectors[:, kept]
+    x, y = vectors[:n] / scale[:, None], np.conj(left[n:, kept])
+    # An algorithm errs by eps of the largest eigenvalue in all of them: two of Newton's steps on the stationary form
+    # y^T (lambda^2 + lambda D + Omega^2) x, which is as good as a slow motion is slow; none where it is flat.
+    a, b, c = (np.sum(y * z, axis=0) for z in (x, -A[n:, n:] @ x, basis.omega[:, None] ** 2 * x))
+    for _ in range(2):
+        slope = 2.0 * a * values + b
+        single = np.abs(slope) > 1e-2 * (2.0 * np.abs(a * values) + np.abs(b))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            off = -((a * values + b) * values + c) / slope
+        values = values + np.where(single & np.isfinite(off), off, 0.0)
+    order = np.argsort(np.abs(values), kind="stable")
+    values, shapes = values[order], basis.shapes @ (vectors[:n, order] / scale[:, None])
+    # Unit norm in M, and the phase at which the largest entry is real and positive.
+    norms = np.sqrt(np.real(np.sum(np.conj(shapes) * (system.mass @ shapes), axis=0)))
+    largest = _largest(shapes)
+    shapes = shapes / np.where(norms > 0.0, norms, 1.0) * np.conj(largest) / np.where(largest == 0, 1, np.abs(largest))
+    return Modes(np.abs(values), shapes, -2.0 * np.real(values), system.mass, coupled=True)
+
+
+def _largest(shapes: Array) -> Array:
+    """The largest entry of every shape."""
+    return shapes[np.argmax(np.abs(shapes), axis=0), np.arange(shapes.shape[1])]
 
 
 def _within_float64(name: str, scaled: Array) -> Array:
@@ -238,15 +305,13 @@ def damping_of(basis: Modes, ratio: float | Sequence[float]) -> Array:
 
 def damping_ratios(ratio: float | Sequence[float], modes: int) -> Array:
     """zeta of every mode, (modes,): ``ratio`` for all of them, or a sequence for the first ones. Raises InputError."""
-    ratios, zeta = ratios_of(ratio), np.zeros(modes)
-    if isinstance(ratios, tuple):
-        if len(ratios) > modes:
-            remedy = "leave the last ones out, or take more cells"
-            raise InputError("modal_damping", len(ratios), f"be at most one for each of {modes} modes", remedy)
-        zeta[: len(ratios)] = ratios
-    else:
-        zeta[:] = ratios
-    return zeta
+    ratios = ratios_of(ratio)
+    if not isinstance(ratios, tuple):
+        return np.full(modes, ratios)
+    if len(ratios) > modes:
+        remedy = "leave the last ones out, or take more cells"
+        raise InputError("modal_damping", len(ratios), f"be at most one for each of {modes} modes", remedy)
+    return np.pad(ratios, (0, modes - len(ratios)))
 
 
 def graded_eigenpairs(mass: Array, stiffness: Array, squares: Array, X: Array) -> tuple[Array, Array]:
@@ -256,19 +321,12 @@ def graded_eigenpairs(mass: Array, stiffness: Array, squares: Array, X: Array) -
     zero. Where S_ij comes near sqrt(S_ii S_jj) the vectors were too far off, and the better ones are the next start.
     Of more than SMALL unknowns only the slow pairs are refined, within the space that they span.
     """
-    slow = len(X)
     # The solver errs by n eps of the largest square: squares below this one have more than ENOUGH of error.
-    if slow > SMALL:
-        slow = int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
-        if not slow:
-            return squares, X
-    few, Y = _refined(mass, stiffness, X[:, :slow])
-    return np.append(few, squares[slow:]), np.hstack([Y, X[:, slow:]])
-
-
-def _refined(mass: Array, stiffness: Array, X: Array) -> tuple[Array, Array]:
-    """The pairs in the space of the columns of X (n, k)."""
-    squares = rounding = np.zeros(X.shape[1])
+    slow = len(X) if len(X) <= SMALL else int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
+    if not slow:
+        return squares, X
+    fast, (X, rest) = squares[slow:], np.split(X, [slow], axis=1)
+    squares = rounding = np.zeros(slow)
     for _ in range(PASSES):
         # S = X^T K X, and the size of the terms that it sums, from which its rounding follows.
         S, terms = congruence(stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
@@ -287,7 +345,7 @@ def _refined(mass: Array, stiffness: Array, X: Array) -> tuple[Array, Array]:
     # A rigid motion has the square zero, not its rounding.
     squares[np.abs(squares) < rounding] = 0.0
     order = np.argsort(squares, kind="stable")
-    return squares[order], X[:, order]
+    return np.append(squares[order], fast), np.hstack([X[:, order], rest])
 
 
 def rounding_of_zero(terms: Array, n: int) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.units import Units, units_labels
-from ..basics.validation import InputError, itself, non_negative, number, numbers, one_of, positive, sequence
+from ..basics.validation import Frozen, InputError, instance, number, numbers, one_of, positive, sequence
 from .contact import Stops
 from .time_functions import LoadFunction, TimeFunction, derivative, load_function, motion_function
 
@@ -45,7 +45,7 @@ class PolynomialProfile:
         coefficients = sequence("coefficients", self.coefficients, rule, remedy)
         if not coefficients:
             raise InputError("coefficients", self.coefficients, rule, remedy)
-        object.__setattr__(self, "coefficients", tuple(number("coefficients", c, exact=True) for c in coefficients))
+        vars(self)["coefficients"] = tuple(number("coefficients", c, exact=True) for c in coefficients)
 
     def __call__(self, x: ArrayLike) -> Array:
         """c_0 + c_1 x + c_2 x^2 + ... at every x."""
@@ -55,8 +55,8 @@ class PolynomialProfile:
 def ratios_of(value: float | Sequence[float]) -> float | tuple[float, ...]:
     """A damping ratio for every mode, or one for each of the first modes; >= 0."""
     if isinstance(value, (list, tuple, np.ndarray)):
-        return tuple(non_negative("modal_damping", x) for x in value)
-    return non_negative("modal_damping", value)
+        return tuple(number("modal_damping", x, least=0.0) for x in value)
+    return number("modal_damping", value, least=0.0)
 
 
 Profile = Callable[[Any], Any]
@@ -64,7 +64,7 @@ SUPPORTS = ("clamped-free", "clamped-clamped", "clamped-pinned", "pinned-pinned"
 
 
 @dataclass(frozen=True)
-class PointLoad:
+class PointLoad(Frozen):
     """f(x, t) = time(t) delta(x - position): a force on one point of a beam.
 
     Parameters
@@ -90,12 +90,12 @@ class PointLoad:
     time: LoadFunction
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", positive("load.position", self.position, exact=True))
+        vars(self)["position"] = positive("load.position", self.position, exact=True)
         load_function("load.time", self.time)
 
 
 @dataclass(frozen=True)
-class DistributedLoad:
+class DistributedLoad(Frozen):
     """f(x, t) = shape(x) time(t), force per unit length of a beam.
 
     Parameters
@@ -131,7 +131,7 @@ Load = PointLoad | DistributedLoad
 
 
 @dataclass(frozen=True, kw_only=True)
-class BeamProblem:
+class BeamProblem(Frozen):
     """m u_tt = sigma_x + f on 0 < x < L, sigma = -EI u_xxx - eta u_xxxt, between stops.
 
         u(0,t) = phi(t),  u_x(0,t) = 0                                (2.3) clamped to a moving device
@@ -206,17 +206,15 @@ class BeamProblem:
     modal_damping: float | Sequence[float] = 0.0
 
     def __post_init__(self) -> None:
-        itself("problem", self, BeamProblem)
         # Numbers first, then what they must be to each other.
-        for name, rule in (
-            ("stiffness", positive), ("viscosity", non_negative), ("length", positive), ("mass_per_length", positive),
-            ("tip_mass", non_negative), ("mass_damping", non_negative),
-        ):  # fmt: skip
-            object.__setattr__(self, name, rule(name, getattr(self, name), exact=True))
-        object.__setattr__(self, "modal_damping", ratios_of(self.modal_damping))
-        if not 1e-60 <= self.length <= 1e60:
-            raise InputError("length", self.length, "have a fifth power in float64", "use another unit of length")
-        object.__setattr__(self, "units", units_labels(self.units))
+        for name in ("stiffness", "mass_per_length"):
+            vars(self)[name] = positive(name, getattr(self, name), exact=True)
+        for name in ("viscosity", "tip_mass", "mass_damping"):
+            vars(self)[name] = number(name, getattr(self, name), exact=True, least=0.0)
+        # The fifth power of the length is in float64.
+        vars(self)["length"] = number("length", self.length, exact=True, least=1e-60, most=1e60)
+        vars(self)["modal_damping"] = ratios_of(self.modal_damping)
+        vars(self)["units"] = units_labels(self.units)
         # Supports, stops, base and loads: their kind, and where they act.
         self._check_supports()
         self._check_stops()
@@ -225,11 +223,12 @@ class BeamProblem:
             derivative(self.base, 2)  # it acts by its acceleration, which a polygon does not have
         rule, remedy = "hold PointLoad and DistributedLoad only", "for example PointLoad(0.5, Constant(1.0))"
         single = isinstance(self.loads, (PointLoad, DistributedLoad))
-        loads = (self.loads,) if single else tuple(sequence("loads", self.loads, rule, "for none write ()"))
-        object.__setattr__(self, "loads", loads)
+        vars(self)["loads"] = (
+            (self.loads,) if single else tuple(sequence("loads", self.loads, rule, "for none write ()"))
+        )
         for load in self.loads:
             point = isinstance(load, PointLoad)
-            itself("loads", load, PointLoad if point else DistributedLoad, remedy, rule)
+            instance("loads", load, PointLoad if point else DistributedLoad, remedy, rule)
             if point and load.position > self.length:
                 rule = f"lie on the beam, 0 < position <= {self.length:g}"
                 raise InputError("load.position", load.position, rule, "its end is the length")
@@ -270,9 +269,9 @@ class BeamProblem:
     def _check_stops(self) -> None:
         # One Stops of a list is stored by itself: equal problems are equal however their stops were given.
         if isinstance(self.stops, (list, tuple)):
-            object.__setattr__(self, "stops", self.stops[0] if len(self.stops) == 1 else tuple(self.stops) or None)
+            vars(self)["stops"] = self.stops[0] if len(self.stops) == 1 else tuple(self.stops) or None
         for stops in self.all_stops:
-            itself("stops", stops, Stops, "for no contact leave them out", "be a Stops or a list of them")
+            instance("stops", stops, Stops, "for no contact leave them out", "be a Stops or a list of them")
             position, L = self.place(stops), self.length
             free = [x for x, end in zip((0.0, L), self.ends, strict=True) if end == "free"]
             if not 0.0 < position < L and position not in free:

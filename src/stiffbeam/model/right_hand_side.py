@@ -1,4 +1,4 @@
-"""The method-of-lines right-hand side of a system, as its adaptive solvers and ``ode`` call it.
+"""The method-of-lines right-hand side of a system as C, JAX and solvers of other packages call it.
 
 y' = A y + ..., contacts included, y = (q_1, q_1', ..., q_n, q_n'): the order of (3.5)
 """
@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..kernels.rhs import Equations
+from ..basics.text import several
+from ..basics.validation import InputError, one_of, require_jax_float64
+from ..kernels.rhs import THROUGH, Equations, function_address
 from .beam import velocity_curvature_matrices
 from .contact import channel_motion, channel_position, laws
-from .contact_law import pressure
-from .time_functions import Drive, LoadFunction, Sampled, Term, evaluate, in_closed_form, parts_of
+from .contact_law import Law, damps, pressure
+from .time_functions import Drive, Sampled, breakpoints_of, evaluate, in_closed_form, parts_of, require_closed_form
 
 if TYPE_CHECKING:
     from .system import System
@@ -128,20 +132,11 @@ class RightHandSide:
             law=laws(contacts), bandwidths=(lower, upper) if lower + upper + 1 < n // 3 else None,
         )  # fmt: skip
         self.regime, self.lengths, self.levels = self.equations.regime, self.equations.lengths, self.equations.levels
+        self.window = self.equations.window  # (2,): the times at which functions of time may be asked
         self.in_python, self.roots = bool(called), len(self.levels)
         self.bandwidths = self.equations.bandwidths  # lower and upper of E and df/dz, None where a band does not pay
         # (contact, +1 upper or -1 lower) of every gap.
         self.sides = [(i, side) for i, c in enumerate(contacts) for side, _ in c.stops.sides]
-
-    @property
-    def window(self) -> tuple[float, float]:
-        """The times at which functions of time may be asked."""
-        first, last = self.equations.window.tolist()
-        return first, last
-
-    @window.setter
-    def window(self, times: tuple[float, float]) -> None:
-        self.equations.window[:] = times
 
     def value(self, t: float, z: Array) -> Array:
         """f(t, z)."""
@@ -189,8 +184,8 @@ class RightHandSide:
     def stored(self, t: float, z: Array) -> Array:
         """Energy (contacts,) in the stops at t, with the functions of time of the window."""
         t, q = self._inside(t), z[: self.states : 2]
-        contacts = self.system.contacts
-        return np.array([c.stops.energy(channel_position(c.row, c.offset, t, q)) for c in contacts], float).reshape(-1)
+        energies = [c.stops.energy(channel_position(c.row, c.offset, t, q)) for c in self.system.contacts]
+        return np.array(energies, float)
 
     def jumped(self, t: float, z: Array, stored: Array) -> Array:
         """z where stops that held the energy ``stored`` jump at t: the rest of their energy is input, and those that
@@ -211,16 +206,288 @@ class RightHandSide:
         return positions, velocities
 
     def _inside(self, t: float) -> float:
-        first, last = self.window
+        first, last = self.window.tolist()
         return min(max(t, first), last)
 
 
-def _amplitudes(drive: Drive, called: list[LoadFunction], terms: Iterable[Term], width: int) -> Array:
+def _amplitudes(drive: Drive, called: list[Any], terms: Iterable[tuple[Array, Any]], width: int) -> Array:
     """Amplitudes (d, width) of the harmonics and records in ``terms``, then of the functions that Python calls."""
     basis, rest = drive.split(terms, width)
-    records = drive.recorded([(vector, f) for vector, f in rest if isinstance(f, Sampled)], width)
-    python = np.zeros((len(called), width))
-    for vector, function in rest:
-        if not isinstance(function, Sampled):
-            python[next(k for k, f in enumerate(called) if f is function)] += vector
-    return np.concatenate([basis, records, python])
+    others = [*drive.records, *called]
+    amplitudes = np.zeros((len(others), width))
+    for vector, f in rest:  # records are equal by their numbers, other functions only themselves
+        amplitudes[next(k for k, x in enumerate(others) if x is f or (isinstance(x, Sampled) and x == f))] += vector
+    return np.concatenate([basis, amplitudes])
+
+
+# ---------------------------------------------------------------- in JAX, from the numbers that C reads
+
+
+class Numbers(NamedTuple):
+    """Arrays of ``Equations`` for JAX.
+
+    All that is linear stands in one matrix, since JAX takes longer to start a small product than to compute it. Its
+    columns are the state, the functions of time and their rates; its rows are the state's rate, position, velocity and
+    offset's rate of every contact, and the powers of the loads.
+    """
+
+    linear: Any  # (n + 3 m + d, n + 2 d)
+    damping: Any  # (n, n), or no rows
+    frequencies: Any
+    edges: Any
+    records: Any  # (edges, R, P)
+    pushes: Any
+    law: Any
+    regime: Any
+    window: Any
+
+
+def numbers_of(e: Equations) -> tuple[tuple[float, ...], Numbers]:
+    """Exponents of the contacts, constants of a compiled program, and numbers of a right-hand side, its regime and
+    window those of now.
+
+    Raises InputError for functions of time that JAX cannot trace, and for one with a mass.
+    """
+    if e.called:
+        rule = "be made of Harmonic, Constant and Sampled for JAX"
+        raise InputError("time function", "a callable", rule, "use the adaptive solver cvode")
+    (m, n), d = e.pushes.shape, len(e.loads)
+    linear = np.zeros((n + 3 * m + d, n + 2 * d))
+    rate, positions, velocities, offset_rates, power = np.split(linear, np.cumsum([n, m, m, m]))
+    rate[:, :n], rate[:, n : n + d] = e.matrix, e.loads.T
+    positions[:, :n], positions[:, n : n + d] = e.positions, e.offsets.T
+    velocities[:, :n], velocities[:, n + d :] = e.velocities, e.offsets.T
+    offset_rates[:, n + d :], power[:, :n] = e.offsets.T, e.power
+    arrays = (e.frequencies, e.edges, e.records, e.pushes, e.law)
+    return tuple(e.law[:, 3].tolist()), Numbers(linear, e.damping, *arrays, e.regime.copy(), e.window.copy())
+
+
+def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
+    """1, sin w_1 t, cos w_1 t, ..., the records, (d,); and their rates."""
+    import jax.numpy as jnp
+
+    w = numbers.frequencies
+    # Sines and cosines in the order of ``Drive.coefficients``, with their rates.
+    s, c = jnp.sin(w * t), jnp.cos(w * t)
+    g, rate = jnp.stack([s, c], axis=1).ravel(), jnp.stack([w * c, -w * s], axis=1).ravel()
+    values = rates = jnp.zeros(numbers.records.shape[1])
+    if numbers.records.size:
+        edges = numbers.edges
+        inside = jnp.clip(t, numbers.window[0], numbers.window[1])
+        # At the end of a window the polynomial before it holds.
+        before = jnp.minimum(inside, jnp.nextafter(numbers.window[1], -jnp.inf))
+        k = jnp.clip(jnp.searchsorted(edges, before, side="right") - 1, 0, len(edges) - 2)
+        tau = inside - edges[k]
+        for j in range(numbers.records.shape[2] - 1, -1, -1):  # Horner's scheme
+            rates = rates * tau + values
+            values = values * tau + numbers.records[k, :, j]
+    return jnp.concatenate([jnp.ones(1), g, values]), jnp.concatenate([jnp.zeros(1), rate, rates])
+
+
+def contact_force(u: Any, v: Any, regime: Any, stop: Law) -> Any:
+    """F at a position and velocity relative to the stops, after a regime or the law."""
+    import jax.numpy as jnp
+
+    force: Any = 0.0
+    # The regime is data, not structure: one compiled program computes both sides and selects.
+    for side in (1, -1):
+        bound: Any = stop.g2 if side > 0 else stop.g1
+        # A side without a stop counts as open, its infinite bound outside the arithmetic.
+        there = jnp.isfinite(bound)
+        depth = jnp.where(there, side * (u - jnp.where(there, bound, 0.0)), -1.0)
+        pressed = pressure(depth, side * v, stop)
+        by_law = jnp.where(depth > 0.0, jnp.maximum(0.0, pressed), 0.0)
+        force = force - side * jnp.where(regime == THROUGH, by_law, jnp.where(regime == side, pressed, 0.0))
+    return force
+
+
+def rate_with_integrals(exponents: tuple[float, ...], t: Any, z: Any, numbers: Numbers) -> Any:
+    """z' of ``RightHandSide``: y' with the rates of the ledger's integrals; of z only its first n entries count."""
+    import jax.numpy as jnp
+
+    m, n = numbers.pushes.shape
+    y, (g, g_rate) = z[:n], functions_of_time(t, numbers)
+    rows = numbers.linear @ jnp.concatenate([y, g, g_rate])
+    rate, u, v, offset_rates, power = jnp.split(rows, np.cumsum([n, m, m, m]))
+    given, absorbed, pushes = g @ power, 0.0, []
+    for c, p in enumerate(exponents):
+        stop: Any = Law(*numbers.law[c])
+        force = contact_force(u[c], v[c], numbers.regime[c], stop._replace(p=p))  # p is a constant of the program
+        rate = rate + numbers.pushes[c] * force
+        given = given - force * offset_rates[c]
+        absorbed = absorbed - jnp.where(damps(stop), force * v[c], 0.0)
+        pushes.append(-force)
+    viscous = y @ numbers.damping @ y if numbers.damping.shape[0] else 0.0 * given
+    return jnp.concatenate([rate, jnp.stack([given, viscous, *pushes, absorbed])])[: max(n, len(z))]
+
+
+# ---------------------------------------------------------------- for solvers of other packages
+
+FORMS = ("explicit", "descriptor")
+
+
+class ODE:
+    """y' = f(t, y) of a system, or E y' = f(t, y), as every reference solver of this package integrates it.
+
+    Parameters
+    ----------
+    system : System
+        With compliant stops: rigid ones have no force that depends on the state alone.
+    form : {"explicit", "descriptor"}
+        "explicit": y' = f(t, y). "descriptor": E y' = f(t, y), the mass on the left, as IDA takes it.
+
+    Attributes
+    ----------
+    y0 : (n,) array
+        The state at t = 0. ``displacement(y)`` and ``velocity(y)`` give q and q', ``state(q, v)`` the way back;
+        ``tip(t, y)`` the observed position. The order of the unknowns is (q_1, q'_1, q_2, q'_2, ...).
+    mass : (n, n) array
+        E; the identity in the explicit form.
+    bandwidths : (int, int) or None
+        Lower and upper bandwidth of ``jac`` and ``mass``; None where a banded solver does not pay.
+    events : tuple of Event
+        One per side of every contact that has a stop there: > 0 while the stop presses.
+    breakpoints : tuple of float
+        Times at which a load or an offset is not smooth: samples of records, and those that a function states.
+
+    Examples
+    --------
+    >>> import stiffbeam as sb
+    >>> from scipy.integrate import solve_ivp
+    >>> system = sb.problem("bilinear-oscillator").system
+    >>> ode = system.ode()
+    >>> solution = solve_ivp(ode.rhs, (0.0, 1.0), ode.y0, method="Radau", jac=ode.jac, rtol=1e-8, atol=1e-10)
+    >>> run = sb.Trajectory.from_arrays(solution.t, ode.tip(solution.t, solution.y))
+    """
+
+    def __init__(self, system: System, form: str = "explicit", sides: ArrayLike | None = None) -> None:
+        self.system, self.form = system, one_of("form", form, FORMS)
+        for contact in system.contacts:
+            contact.stops.require_compliant("a differential equation", "use a large one, 1e8 for example")
+        self._rhs = RightHandSide(system, descriptor=form == "descriptor")
+        self._n = self._rhs.states
+        self.y0 = self._rhs.z0[: self._n].copy()
+        self.mass = self._rhs.mass
+        self.bandwidths = self._rhs.bandwidths
+        # A segment between events has its sides; without them every contact follows its law.
+        if sides is not None:
+            given = np.asarray(sides)
+            if given.shape != self._rhs.regime.shape or not np.all(np.isin(given, (-1, 0, 1))):
+                rule = f"hold -1, 0 or 1 for each of {len(self._rhs.regime)} contacts"
+                raise InputError("sides", sides, rule, "0 leaves a contact open, 1 closes its upper stop")
+            self._rhs.regime[:] = given
+        self.events = tuple(Event(partial(self._pressed, k), *side) for k, side in enumerate(self._rhs.sides))
+
+    def __repr__(self) -> str:
+        form = "" if self.form == FORMS[0] else f", {self.form}"
+        return f"<ODE of {self.system!r}: {several(self._n, 'unknown')}, {several(len(self.events), 'event')}{form}>"
+
+    def rhs(self, t: float, y: ArrayLike) -> Array:
+        """Return f(t, y), (n,)."""
+        self._rhs.ask(float(t))
+        return self._rhs.equations.state_rate(float(t), np.asarray(y, float))
+
+    def jac(self, t: float, y: ArrayLike) -> Array:
+        """Return df/dy, (n, n)."""
+        return self._rhs.jacobian(float(t), self._padded(y))[: self._n, : self._n]
+
+    def state(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return the state y, (n,), of a displacement q and a velocity v, (dof,) each."""
+        return on_positions(np.asarray(q, float)) + on_velocities(np.asarray(v, float))
+
+    def displacement(self, y: ArrayLike) -> Array:
+        """Return q, (dof,) or (k, dof), of a state (n,) or of k states, (k, n) or as SciPy has them (n, k)."""
+        return self._states(y)[..., ::2]
+
+    def velocity(self, y: ArrayLike) -> Array:
+        """Return q' in the same way."""
+        return self._states(y)[..., 1::2]
+
+    def tip(self, t: ArrayLike, y: ArrayLike) -> Array:
+        """Return the observed position, (k,), of k states at the times (k,)."""
+        times, states = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(self._states(y))
+        return self._rhs.channels(times, states)[0][:, self.system.tip_channel]
+
+    def segment(self, sides: ArrayLike) -> ODE:
+        """Return the equation between two events, smooth on both sides of them.
+
+        Parameters
+        ----------
+        sides : (contacts,) array of int
+            1 where the upper stop of a contact presses, -1 the lower one, 0 where it is open.
+        """
+        return ODE(self.system, self.form, sides)
+
+    @cached_property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which a load or an offset is not smooth."""
+        times = {t for function in self.system.time_functions for t in breakpoints_of(function).tolist()}
+        return tuple(sorted(times))
+
+    @cached_property
+    def cfunc(self) -> tuple[int, int]:
+        """Addresses (function, data) of the compiled right-hand side: ``void f(double t, const double *y, double *f,
+        void *data)``. They hold as long as this object does.
+
+        Raises InputError where a load or an offset is a Python function.
+        """
+        remedy = "sample it: Sampled(t, values, 'cubic')"
+        require_closed_form(self.system.time_functions, "compiled code", remedy)
+        return function_address("state_rate"), self._rhs.equations.c
+
+    @cached_property
+    def jax(self) -> Callable[..., Any]:
+        """f(t, y, args=None) in JAX, the explicit form; traceable and differentiable.
+
+        Raises InputError where JAX works in single precision, and where a load or an offset is a Python function.
+        """
+        require_jax_float64()
+        if self.form != FORMS[0]:
+            raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
+        exponents, numbers = numbers_of(self._rhs.equations)
+        return lambda t, y, args=None: rate_with_integrals(exponents, t, y, numbers)
+
+    def _pressed(self, number: int, t: float, y: ArrayLike) -> float:
+        """Return the event function of this number."""
+        return float(self._rhs.event_functions(float(t), self._padded(y))[number])
+
+    def _states(self, y: ArrayLike) -> Array:
+        """``y`` as (n,) or (k, n). Raises InputError where k = n leaves open which axis is which."""
+        states, n = np.asarray(y, float), self._n
+        if states.ndim not in (1, 2) or n not in states.shape or states.shape == (n, n):
+            rule = f"be a state ({n},) or states (k, {n}) or ({n}, k) with another k"
+            raise InputError("y", states.shape, rule, "take one time more or less")
+        return states if states.shape[-1] == n else states.T
+
+    def _padded(self, y: ArrayLike) -> Array:
+        """Return the state with the integrals of the ledger, which act on nothing."""
+        z = np.zeros(self._rhs.size)
+        z[: self._n] = y
+        return z
+
+
+class Event:
+    """Entry into a stop and exit from it: a function of (t, y), > 0 while the stop presses, with SciPy's attributes.
+
+    Attributes
+    ----------
+    contact, side : int
+        Index of the contact; 1 for its upper stop, -1 for the lower one.
+    direction : float
+        0: zeros in both directions.
+    terminal : bool
+        False; set it to True to restart there with ``ODE.segment``, and ``direction`` to 1 where the contact is open,
+        to -1 where it is closed: otherwise SciPy stops at the event at which it starts.
+    """
+
+    def __init__(self, value: Callable[[float, ArrayLike], float], contact: int, side: int) -> None:
+        self._value = value
+        self.contact, self.side = contact, side
+        self.direction, self.terminal = 0.0, False
+
+    def __repr__(self) -> str:
+        return f"<Event of contact {self.contact}, {'upper' if self.side > 0 else 'lower'} stop>"
+
+    def __call__(self, t: float, y: ArrayLike) -> float:
+        """Return the event function at one time and state."""
+        return self._value(t, y)

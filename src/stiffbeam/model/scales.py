@@ -11,7 +11,7 @@ from .contact import Contact
 from .contact_law import chord, depth_holding, depth_under, stored
 from .modes import undamped_modes
 from .system import System
-from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, in_closed_form, parts
+from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, parts, parts_of
 
 UNNOTICED = 0.1  # (rate t_end)^2/12 below 1e-3: a force that turns a mode so slowly does not show in the run
 SAMPLES = 4001  # of a function in Python, over a run
@@ -56,30 +56,25 @@ class Scales:
 def scales(system: System, t_end: float = np.inf) -> Scales:
     """The scales of a run of ``system`` to t_end, inf where it is not known."""
     basis = undamped_modes(system)
-    held = np.abs(np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0))
     # Constant loads in modal coordinates: a mode flies against them with the speed V.
     constant = np.zeros(len(basis.omega))
     for vector, function in system.loads:
-        levels = (factor * f.level for factor, f in parts(function) if isinstance(f, Constant))
-        constant = constant + basis.force(vector) * sum(levels)
-    largest = _speed(system, held, t_end)
+        constant = constant + basis.force(vector) * _constant(function)
+    largest = _speed(system, t_end)
     # A mode turns by its stiffness, or against the constant loads.
     rates = np.maximum(basis.omega, 0.0 if largest == 0.0 else np.abs(constant) / largest)
     drifts = rates <= UNNOTICED / t_end
     # Modes that neither turns within the run: gaps, contacts and drives do.
     if np.any(drifts):
-        others = list(Drive.of(system).frequencies)
+        others, least = list(Drive.of(system).frequencies), np.full(len(rates), np.inf)
         for contact in system.contacts:
-            if not contact.stops.rigid:  # by the spring with the same force where the stop holds the energy V^2/2
-                law = contact.stops.coefficients
+            stops, law = contact.stops, contact.stops.coefficients
+            if not stops.rigid:  # by the spring with the same force where the stop holds the energy V^2/2
                 kappa = chord(depth_holding(0.5 * largest**2, law), law)
-                others.append(float(np.sqrt(kappa * _share(system, contact))))
-        least = np.full(len(rates), min((x for x in others if x > 0.0), default=np.inf))
-        for contact in system.contacts:
-            gap = contact.stops.upper_bound - contact.stops.lower_bound
-            if np.isfinite(gap):
-                across = 2.0 * largest * np.abs(basis.force(contact.row)) / gap
-                least = np.where(across > 0.0, np.minimum(least, across), least)
+                others.append(float(np.sqrt(kappa * _mobility(system, contact))))
+            across = 2.0 * largest * np.abs(basis.force(contact.row)) / (stops.upper_bound - stops.lower_bound)
+            least = np.where(across > 0.0, np.minimum(least, across), least)
+        least = np.minimum(least, min((x for x in others if x > 0.0), default=np.inf))
         rates = np.where(drifts, np.where(np.isfinite(least), least, 0.0), rates)
     return Scales(largest, np.maximum(rates, 2.0 * np.pi / t_end))
 
@@ -90,86 +85,85 @@ def oscillates(system: System, t_end: float = np.inf) -> Array:
     return (omega > 0.0) & (omega * t_end >= UNNOTICED)
 
 
-def _speed(system: System, held: Array, t_end: float) -> float:
+def _speed(system: System, t_end: float) -> float:
     """V of ``Scales``."""
     basis = undamped_modes(system)
-    omega = basis.omega
+    damping = np.abs(np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0))
     # Speeds of the start.
-    speeds = np.hypot(omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
-    driven = np.zeros(len(omega))
+    speeds = np.hypot(basis.omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
+    driven = np.zeros(len(basis.omega))
     for vector, function in system.loads:
         amplitude, frequency, impulse, _ = _sizes(function, t_end)
         if amplitude:
-            force = np.abs(basis.force(vector))
+            force = basis.force(vector)
             # The load acts one way until the fastest of these turns the mode, or the run ends.
-            fastest = np.maximum(np.maximum(omega, held), frequency)
+            fastest = np.maximum(np.maximum(basis.omega, damping), frequency)
             with np.errstate(divide="ignore"):
                 reach = np.minimum(np.minimum(amplitude / fastest, impulse), amplitude * t_end)
-            gained = np.multiply(force, reach, out=np.zeros_like(force), where=force > 0.0)
+            gained = np.multiply(np.abs(force), reach, out=np.zeros_like(force), where=force != 0.0)
             if frequency == 0.0:  # a push that lasts, which a stop ends
-                falls = [_fall(system, basis.force(vector), amplitude, sign) for sign in _signs(function)]
+                steady = all(isinstance(f, Constant) for f in parts_of(function))
+                signs = [np.sign(_constant(function))] if steady else [1.0, -1.0]
+                falls = [_fall(system, force, sign * amplitude) for sign in signs]
                 # What lies on a stop is lifted by a load of both signs.
                 fall = np.min(falls, axis=0)
                 gained = np.minimum(gained, np.where(fall > 0.0, fall, np.max(falls, axis=0)))
             driven += gained
     # Speeds that stops give: by the energy in them at the start, and by their own motion.
-    stored = float(system.contact_energy(np.zeros(()), system.q0))
+    stored = float(system.energies(np.zeros(()), system.q0, system.v0)[2])
     least = float(np.finfo(float).tiny)  # a share may underflow
     moving = [
-        _sizes(contact.offset, t_end)[3] * max(_share(system, contact), least) ** -0.5 for contact in system.contacts
+        _sizes(contact.offset, t_end)[3] * max(_mobility(system, contact), least) ** -0.5 for contact in system.contacts
     ]
     return float(max(np.max(speeds), np.max(driven), np.sqrt(2.0 * stored), *moving, 0.0))
 
 
-def _fall(system: System, force: Array, amplitude: float, sign: float) -> Array:
+def _fall(system: System, force: Array, level: float) -> Array:
     """The speed (n,) at which a constant force drives each mode on the nearest stop before it, and into it:
     sqrt(2 (f (d + depth) - U(depth))), depth that at which the stop holds the force; inf without such a stop."""
     basis = undamped_modes(system)
-    square = np.full(len(force), np.inf)
-    f = sign * amplitude * force
+    square, f = np.full(len(force), np.inf), level * force
     # The nearest stop ahead of each mode, on either side of a contact.
     for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
         along, stops = basis.force(contact.row), contact.stops
-        for side, gap in ((1.0, stops.upper_bound - u), (-1.0, u - stops.lower_bound)):
+        for side, bound in stops.sides:
             towards = side * along * f > 0.0
-            if np.isfinite(gap) and np.any(towards):
-                pressed = np.abs(f[towards] / along[towards])
-                depth = depth_under(pressed, stops.coefficients)
-                held = np.zeros_like(depth) if stops.rigid else stored(depth, stops.coefficients)
-                square[towards] = np.minimum(square[towards], 2.0 * (pressed * (max(float(gap), 0.0) + depth) - held))
+            pressed = np.abs(f[towards] / along[towards])
+            depth = depth_under(pressed, stops.coefficients)
+            held = np.zeros_like(depth) if stops.rigid else stored(depth, stops.coefficients)
+            gap = max(side * (bound - float(u)), 0.0)
+            square[towards] = np.minimum(square[towards], 2.0 * (pressed * (gap + depth) - held))
     return np.where(force == 0.0, 0.0, np.sqrt(square))
 
 
-def _signs(function: LoadFunction) -> tuple[float, ...]:
-    """The sides to which a load pushes: one for a constant, both for what changes."""
-    levels = [factor * f.level for factor, f in parts(function) if isinstance(f, Constant)]
-    return (float(np.sign(sum(levels))),) if len(levels) == len(list(parts(function))) else (1.0, -1.0)
+def _constant(function: LoadFunction) -> float:
+    """The level of the constant terms of a load."""
+    return sum(factor * f.level for factor, f in parts(function) if isinstance(f, Constant))
 
 
-def _share(system: System, contact: Contact) -> float:
+def _mobility(system: System, contact: Contact) -> float:
     """row M^-1 row."""
     return float(contact.row @ np.linalg.solve(system.mass, contact.row))
 
 
 def _sizes(function: LoadFunction | None, t_end: float) -> tuple[float, float, float, float]:
-    """Largest value, least angular frequency, the most that the integral can be, and largest rate; a function in Python
-    by its samples, and 0 where t_end is not known."""
-    largest, frequencies, impulse, fastest = 0.0, [0.0] if function is None else [], 0.0, 0.0
-    for factor, f in parts(function):
-        if not in_closed_form(f) and np.isfinite(t_end):
-            t = np.linspace(0.0, t_end, SAMPLES)
-            f = Sampled(t, evaluate(f, t))
-        value, frequency, integral, rate = 0.0, 0.0, 0.0, 0.0
-        if isinstance(f, Harmonic):
-            value, frequency, integral, rate = abs(f.amplitude), f.frequency, np.inf, abs(f.amplitude) * f.frequency
-        elif isinstance(f, Constant):
-            value, integral = abs(f.level), np.inf
-        elif isinstance(f, Sampled):
-            values = np.abs(f.value(f.t))
-            value, integral = float(np.max(values)), float(np.trapezoid(values, f.t))
-            rate = float(np.max(np.abs(f.rate(f.t)))) if f.degree else 0.0
-        frequencies.append(frequency)
-        if factor:
-            largest, impulse = largest + abs(factor) * value, impulse + abs(factor) * integral
-            fastest += abs(factor) * rate
-    return largest, min(frequencies), impulse, fastest
+    """Largest value, least angular frequency, the most that the integral can be, and largest rate."""
+    terms = [(abs(factor), _sizes_of(f, t_end)) for factor, f in parts(function) if factor]
+    amplitude, impulse, rate = (sum(factor * size[i] for factor, size in terms) for i in (0, 2, 3))
+    return amplitude, min((size[1] for _, size in terms), default=0.0), impulse, rate
+
+
+def _sizes_of(f: LoadFunction, t_end: float) -> tuple[float, float, float, float]:
+    """``_sizes`` of a term; of a function in Python by its samples, and 0 where t_end is not known."""
+    if isinstance(f, Harmonic):
+        return abs(f.amplitude), f.frequency, np.inf, abs(f.amplitude) * f.frequency
+    if isinstance(f, Constant):
+        return abs(f.level), 0.0, np.inf, 0.0
+    if not isinstance(f, Sampled):
+        if np.isinf(t_end):
+            return 0.0, 0.0, 0.0, 0.0
+        t = np.linspace(0.0, t_end, SAMPLES)
+        f = Sampled(t, evaluate(f, t))
+    values = np.abs(f.value(f.t))
+    fastest = np.max(np.abs(f.rate(f.t))) if f.degree else 0.0
+    return float(np.max(values)), 0.0, float(np.trapezoid(values, f.t)), float(fastest)

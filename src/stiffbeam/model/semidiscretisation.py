@@ -22,26 +22,21 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.validation import InputError, itself, one_of
-from .beam import (
-    BENDING,
-    MASS,
-    MEAN,
-    POINTS,
-    SLOPE,
-    WEIGHTS,
-    bending_stencil,
-    free_unknowns,
-    interpolation,
-    shape_functions,
-    velocity_curvature_matrices,
-)
+from ..basics.validation import InputError, instance, integer, one_of
+from .beam import bending_stencil, free_unknowns, interpolation, shape_functions, velocity_curvature_matrices
 from .contact import Contact, Stops
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, PointLoad
 from .system import Origin, System
 from .time_functions import LoadFunction, combined, derivative
 
+# Element matrices for (v_0, h v_0', v_1, h v_1'). MASS is times m h/420.
+MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
+BENDING = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])  # times EI/h^3
+# The same as (a a^T + b b^T): the mean curvature of an element and its slope.
+MEAN, SLOPE = np.array([0.0, -1.0, 0.0, 1.0]), np.sqrt(3.0) * np.array([2.0, 1.0, -2.0, 1.0])
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # integrates loads of degree 8 along an element exactly
+POINTS, WEIGHTS = 0.5 * (POINTS + 1.0), 0.5 * WEIGHTS
 Along = Callable[[Array], ArrayLike]  # a function of x
 
 
@@ -113,26 +108,21 @@ def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement")
     >>> sb.semidiscretise(problem, cells=25)
     <System, displacement: 25 unknowns, 0 loads, 1 contact>
     """
-    itself("problem", problem, BeamProblem)
-    if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 4:
-        raise InputError("cells", cells, "be an integer >= 4", "the stencils at both ends must not overlap")
+    instance("problem", problem, BeamProblem, "make one with stiffbeam.BeamProblem")
+    cells = integer("cells", cells, 4)  # the stencils at both ends must not overlap
     one_of("form", form, ALL_FORMS)
     # A dozen dense matrices.
-    unknowns = float(min(cells, 2**53)) * (2.0 if form == "hermite" else 1.0)
-    afford("cells", cells, "take fewer cells", floats=12.0 * unknowns**2)
-    if form != "hermite" and problem.supports != "clamped-free":
-        rule = f"be clamped-free in the {form} form"
-        raise InputError("supports", problem.supports, rule, "its stencils are the cantilever's: use the form hermite")
+    afford("cells", cells, "take fewer cells", floats=12.0 * (cells * (2.0 if form == "hermite" else 1.0)) ** 2)
     for name in problem.for_elements if form != "hermite" else ():
-        remedy = "the paper's stencils have no place for it: use the form hermite"
-        raise InputError(name, getattr(problem, name), f"be left out in the {form} form", remedy)
+        rule = f"be {'clamped-free' if name == 'supports' else 'left out'} in the {form} form"
+        raise InputError(name, getattr(problem, name), rule, "the stencils have no place for it: use the form hermite")
     make = {"displacement": _displacement, "velocity-curvature": _velocity_curvature, "hermite": _hermite}[form]
-    grid = make(problem, int(cells))
-    system = _system(problem, form, int(cells), grid)
+    grid = make(problem, cells)
+    system = _system(problem, form, cells, grid)
     # Modal damping takes the modes of the system, which is therefore built without it first.
     if np.any(problem.modal_damping):
         damping = grid.damping + damping_of(undamped_modes(system), problem.modal_damping)
-        system = _system(problem, form, int(cells), replace(grid, damping=0.5 * (damping + damping.T)))
+        system = _system(problem, form, cells, replace(grid, damping=0.5 * (damping + damping.T)))
     return system
 
 

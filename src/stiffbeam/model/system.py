@@ -4,38 +4,27 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
-from uuid import uuid4
 from weakref import WeakValueDictionary
 
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, Frozen, read_only, same
+from ..basics.arrays import Array, read_only, same
 from ..basics.resources import afford
 from ..basics.text import several
 from ..basics.units import Units, units_labels
-from ..basics.validation import InputError, as_doubles, constants, exact_parts, itself, numbers, sequence
+from ..basics.validation import Frozen, InputError, as_doubles, constants, exact_parts, instance, sequence
 from .beam import beam_field
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
-from .time_functions import (
-    Constant,
-    Derivative,
-    Harmonic,
-    LoadFunction,
-    Sampled,
-    Superposition,
-    TimeFunction,
-    evaluate,
-    load_function,
-)
+from .time_functions import LoadFunction, TimeFunction, description, evaluate, load_function
 
 if TYPE_CHECKING:
-    from .ode import ODE
+    from .right_hand_side import ODE
 
 
 _CHECKED: WeakValueDictionary[tuple[str, int], Array] = WeakValueDictionary()  # read-only matrices once looked at
@@ -48,7 +37,13 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     if isinstance(matrix, np.ndarray) and _CHECKED.get((name, id(matrix))) is matrix and n in (None, len(matrix)):
         return matrix
     remedy = "give a list of rows, a NumPy array or a SciPy sparse matrix"
-    dense = constants(name, _dense(name, matrix), "be a matrix of finite numbers", remedy)
+    full: Any = matrix
+    if scipy.sparse.issparse(matrix):
+        afford(name, f"shape {full.shape}", "condense the model", floats=float(np.prod(full.shape, dtype=float)))
+        full = full.toarray()
+    dense = constants(name, full, "be a matrix of finite numbers", remedy)
+    if name == "mass" and dense.ndim == 1:
+        dense = read_only(np.diag(dense))
     if dense.ndim != 2 or dense.shape[0] != dense.shape[1] or (n is not None and len(dense) != n) or not dense.size:
         rule = "be a square matrix" if n is None else f"have shape ({n}, {n})"
         raise InputError(name, f"shape {dense.shape}", rule, "one row and one column per unknown")
@@ -72,29 +67,12 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     return dense
 
 
-def _diagonal(mass: Any) -> Any:
-    """The diagonal matrix of a vector; anything else as it is."""
-    try:
-        flat = np.ndim(mass) == 1 and len(mass) > 0
-    except (TypeError, ValueError):
-        return mass
-    return np.diag(numbers("mass", mass, "be a matrix of finite numbers", "or a vector of them")) if flat else mass
-
-
 def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
     """Error for an unsymmetric matrix, dense or sparse. Of a half, as FE programs write it, 0.5*(A + A.T) is wrong."""
     matrix = scipy.sparse.coo_array(matrix)
     if any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1))):
         return InputError(name, "one half of a matrix", rule, "give both halves: A + A.T without A's diagonal once")
     return InputError(name, "an unsymmetric matrix", rule, "give the symmetric part 0.5*(A + A.T)")
-
-
-def _dense(name: str, matrix: Any) -> Any:
-    """A SciPy sparse matrix in full."""
-    if not hasattr(matrix, "toarray") or isinstance(matrix, type):
-        return matrix
-    afford(name, f"shape {matrix.shape}", "condense the model", floats=float(np.prod(matrix.shape, dtype=float)))
-    return matrix.toarray()
 
 
 def _least(matrix: Array) -> float:
@@ -124,7 +102,7 @@ def contacts_of(contacts: Any, n: int) -> tuple[Contact, ...]:
     rule, remedy = "hold Contact(row, stops) only", "for none write ()"
     checked = [contacts] if isinstance(contacts, Contact) else sequence("contacts", contacts, rule, remedy)
     for contact in checked:
-        itself("contacts", contact, Contact, remedy, rule)
+        instance("contacts", contact, Contact, remedy, rule)
         if len(contact.row) != n:
             raise InputError("contact.row", contact.row, f"hold {n} numbers", "one per unknown")
     return tuple(checked)
@@ -161,7 +139,7 @@ class Origin(Frozen):
 
     def __post_init__(self) -> None:
         for name in ("tip", "stiffness_factor"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            vars(self)[name] = read_only(getattr(self, name))
 
     def has_matrices_of(self, system: System) -> bool:
         """Return True if mass, damping and stiffness are still those of the origin."""
@@ -201,9 +179,6 @@ class ModelData(TypedDict, total=False):
     initial_displacement: ArrayLike | None
     initial_velocity: ArrayLike | None
     units: Units
-
-
-_PROCESS, _CALLABLES = uuid4().hex, {}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -257,7 +232,6 @@ class System(Frozen):
     units: Units = ()
 
     def __post_init__(self) -> None:
-        itself("system", self, System)
         mass = checked_matrix("mass", self.mass)
         n = len(mass)
         damping, stiffness = (checked_matrix(x, getattr(self, x), n) for x in ("damping", "stiffness"))
@@ -268,23 +242,20 @@ class System(Frozen):
         if self.observe is not None and not np.any(finite_vector("observe", self.observe, n)):
             raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:
-            itself("origin", self.origin, Origin)
-        object.__setattr__(self, "units", units_labels(self.units))
+            instance("origin", self.origin, Origin, "take that of a system from semidiscretise")
         # The checked copies take the place of the arguments.
-        checked: dict[str, Any] = {
-            "mass": mass, "damping": damping, "stiffness": stiffness, "loads": loads, "contacts": contacts,
-            "observe": None if self.observe is None else finite_vector("observe", self.observe, n),
-            "q0": finite_vector("initial_displacement", self.q0, n),
-            "v0": finite_vector("initial_velocity", self.v0, n),
-        }  # fmt: skip
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(
+            mass=mass, damping=damping, stiffness=stiffness, loads=loads, contacts=contacts,
+            observe=None if self.observe is None else finite_vector("observe", self.observe, n),
+            q0=finite_vector("initial_displacement", self.q0, n), v0=finite_vector("initial_velocity", self.v0, n),
+            units=units_labels(self.units),
+        )  # fmt: skip
         if self.origin is not None and not self.units and self.origin.has_matrices_of(self):
-            object.__setattr__(self, "units", self.origin.problem.units)
+            vars(self)["units"] = self.origin.problem.units
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields; and the fingerprint, by which a copy in another process is known to be equal."""
-        return {x.name: getattr(self, x.name) for x in fields(self)} | {"fingerprint": self.fingerprint}
+        return super().__getstate__() | {"fingerprint": self.fingerprint}
 
     @classmethod
     def from_matrices(
@@ -301,7 +272,7 @@ class System(Frozen):
         data: observe and units as in the class; initial_displacement and initial_velocity, by default at rest at zero.
         Raises InputError as the class does.
         """
-        matrix = checked_matrix("mass", _diagonal(mass))
+        matrix = checked_matrix("mass", mass)
         start = {"q0": data.pop("initial_displacement", None), "v0": data.pop("initial_velocity", None)}
         options: Any = {name: np.zeros(len(matrix)) if x is None else x for name, x in start.items()} | data
         damping = np.zeros_like(matrix) if damping is None else damping
@@ -396,22 +367,16 @@ class System(Frozen):
         """row q + o(t) of every channel; q of shape t.shape + (n,) gives t.shape + (channels,)."""
         return np.stack([channel_position(row, offset, t, q) for row, offset in self.channels], axis=-1)
 
-    def contact_energy(self, t: ArrayLike, q: Array) -> Array:
-        """sum_c U_c(row_c q + o_c(t))."""
-        total = np.zeros(np.shape(t))
-        for contact in self.contacts:
-            total = total + contact.stops.energy(channel_position(contact.row, contact.offset, t, q))
-        return total
-
     def energies(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """(1/2 q'^T M q', 1/2 q^T K q, sum_c U_c), each t.shape; q, v of shape t.shape + (n,)."""
-        return *self.free_energies(q, v), self.contact_energy(t, q)
+        stored = (x.stops.energy(channel_position(x.row, x.offset, t, q)) for x in self.contacts)
+        return *self.free_energies(q, v), sum(stored, np.zeros(np.shape(t)))
 
     def free_energies(self, q: Array, v: Array) -> tuple[Array, Array]:
         """(1/2 q'^T M q', 1/2 q^T K q), the energies without the contacts'."""
         kinetic = 0.5 * np.sum(v * (v @ self.mass), axis=-1)
-        strain = q @ self.stiffness_factor.T if self.stiffness_factor is not None else None
-        elastic = np.sum(strain**2, axis=-1) if strain is not None else np.sum(q * (q @ self.stiffness), axis=-1)
+        G = self.stiffness_factor
+        elastic = np.sum(q * (q @ self.stiffness) if G is None else (q @ G.T) ** 2, axis=-1)
         return kinetic, 0.5 * elastic
 
     def energy(self, t: ArrayLike, q: Array, v: Array) -> Array:
@@ -423,7 +388,7 @@ class System(Frozen):
 
         form: "explicit", y' = f(t, y), or "descriptor", E y' = f(t, y).
         """
-        from .ode import ODE
+        from .right_hand_side import ODE
 
         return ODE(self, form)
 
@@ -454,9 +419,9 @@ class System(Frozen):
 
     def _content(self, read: Callable[[Any], Any] = lambda value: value) -> dict[str, bytes]:
         """Content of the fingerprint by name; with ``read`` = as_doubles the values in float64."""
-        loads = (vector.tobytes() + _describe(read(function)).encode() for vector, function in self.loads)
+        loads = (vector.tobytes() + description(read(function)).encode() for vector, function in self.loads)
         contacts = (
-            c.row.tobytes() + repr(read(c.stops)).encode() + _describe(read(c.offset)).encode() for c in self.contacts
+            c.row.tobytes() + repr(read(c.stops)).encode() + description(read(c.offset)).encode() for c in self.contacts
         )
         return {
             "form": self.form.encode(),
@@ -483,18 +448,5 @@ class System(Frozen):
 
 def require_system(system: Any, field: str = "system") -> System:
     """``system`` if it is exactly a System, not a subclass."""
-    itself(field, system, System, "make it with semidiscretise or from_matrices")
+    instance(field, system, System, "make it with semidiscretise or from_matrices")
     return system
-
-
-def _describe(function: LoadFunction | None) -> str:
-    if function is None or isinstance(function, (Harmonic, Constant)):
-        return repr(function)
-    if isinstance(function, Sampled):
-        return f"sampled {function.digest}"
-    if isinstance(function, Superposition):
-        return " + ".join(f"{factor!r} ({_describe(f)})" for factor, f in function.terms)
-    if isinstance(function, Derivative):
-        return f"derivative {function.order} of ({_describe(function.function)})"
-    _CALLABLES[id(function)] = function  # kept, so that no other one is ever given its number
-    return f"callable {_PROCESS} {id(function)}"

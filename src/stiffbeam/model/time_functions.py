@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from uuid import uuid4
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array, Frozen
-from ..basics.validation import InputError, constants, exact_value, itself, number, numbers, one_of, positive
+from ..basics.arrays import Array
+from ..basics.validation import Frozen, InputError, constants, exact_value, number, numbers, one_of, positive
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -65,8 +66,27 @@ class TimeFunction(Protocol):
         ...
 
 
+class Derivable(Frozen):
+    """Base of time functions that give their derivatives of every order, ``_at(t, order)``."""
+
+    def value(self, t: ArrayLike) -> Array:
+        """f(t)."""
+        return self._at(t, 0)
+
+    def rate(self, t: ArrayLike) -> Array:
+        """f'(t)."""
+        return self._at(t, 1)
+
+    def acceleration(self, t: ArrayLike) -> Array:
+        """f''(t)."""
+        return self._at(t, 2)
+
+    def _at(self, t: ArrayLike, order: int) -> Array:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Harmonic:
+class Harmonic(Derivable):
     """f(t) = amplitude sin(frequency t + phase).
 
     A number given as a text ("0.2", "pi/2", "2*pi*50"), Fraction or Decimal is carried exactly into multiprecision.
@@ -96,30 +116,21 @@ class Harmonic:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        itself("time function", self, Harmonic)
-        object.__setattr__(self, "amplitude", number("amplitude", self.amplitude, exact=True))
-        object.__setattr__(self, "frequency", positive("frequency", self.frequency, exact=True))
+        vars(self)["amplitude"] = number("amplitude", self.amplitude, exact=True)
+        vars(self)["frequency"] = positive("frequency", self.frequency, exact=True)
         # The acceleration of a base is a load: it has to fit in float64.
         if not self.frequency <= 1e150 or abs(self.amplitude) * max(1.0, self.frequency) ** 2 > 1e300:
             pair, rule = (self.amplitude, self.frequency), "have an acceleration, amplitude frequency^2, in float64"
             raise InputError("amplitude and frequency", pair, rule, "use other units")
-        object.__setattr__(self, "phase", number("phase", self.phase, exact=True))
+        vars(self)["phase"] = number("phase", self.phase, exact=True)
 
-    def value(self, t: ArrayLike) -> Array:
-        """amplitude sin(frequency t + phase)."""
-        return self.amplitude * np.sin(self.frequency * np.asarray(t, float) + self.phase)
-
-    def rate(self, t: ArrayLike) -> Array:
-        """amplitude frequency cos(frequency t + phase)."""
-        return self.frequency * self.amplitude * np.cos(self.frequency * np.asarray(t, float) + self.phase)
-
-    def acceleration(self, t: ArrayLike) -> Array:
-        """-frequency^2 f(t)."""
-        return -(self.frequency**2) * self.value(t)
+    def _at(self, t: ArrayLike, order: int) -> Array:
+        size = (1.0, self.frequency, -(self.frequency**2))[order] * self.amplitude
+        return size * (np.cos if order == 1 else np.sin)(self.frequency * np.asarray(t, float) + self.phase)
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(Derivable):
     """f(t) = level.
 
     Parameters
@@ -142,24 +153,14 @@ class Constant:
     level: float
 
     def __post_init__(self) -> None:
-        itself("time function", self, Constant)
-        object.__setattr__(self, "level", number("level", self.level, exact=True))
+        vars(self)["level"] = number("level", self.level, exact=True)
 
-    def value(self, t: ArrayLike) -> Array:
-        """The level, at every t."""
-        return np.full(np.shape(t), float(self.level))
-
-    def rate(self, t: ArrayLike) -> Array:
-        """Zero."""
-        return np.zeros(np.shape(t))
-
-    def acceleration(self, t: ArrayLike) -> Array:
-        """Zero."""
-        return np.zeros(np.shape(t))
+    def _at(self, t: ArrayLike, order: int) -> Array:
+        return np.full(np.shape(t), 0.0 if order else float(self.level))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sampled(Frozen):
+class Sampled(Derivable):
     """f(t) through the points (t_i, values_i), for t_0 <= t <= t_last; or its ``derivative``-th derivative.
 
         "linear"    f(t_i + s) = values_i + s (values_{i+1} - values_i)/(t_{i+1} - t_i)
@@ -198,14 +199,13 @@ class Sampled(Frozen):
     derivative: int = 0
 
     def __post_init__(self) -> None:
-        itself("time function", self, Sampled)
         one_of("kind", self.kind, KINDS, "be 'linear' or 'cubic'")
         for name in ("t", "values"):
             stated, rule = getattr(self, name), "be two or more finite numbers in a row"
             array = constants(f"sampled.{name}", stated, rule)
             if array.ndim != 1 or len(array) < 2:
                 raise InputError(f"sampled.{name}", stated, rule, "give a list")
-            object.__setattr__(self, name, array)
+            vars(self)[name] = array
         if len(self.t) != len(self.values):
             remedy = "give as many values as times"
             raise InputError("sampled.values", len(self.values), f"be one per time, {len(self.t)}", remedy)
@@ -219,9 +219,6 @@ class Sampled(Frozen):
             rule = f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}"
             raise InputError("derivative", order, rule, "0 is the function itself")
         self._whole  # noqa: B018  which refuses slopes that overflow
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: getattr(self, name) for name in ("t", "values", "kind", "derivative")}
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Sampled) and self.digest == other.digest)
@@ -267,19 +264,9 @@ class Sampled(Frozen):
         return whole
 
     @cached_property
-    def slopes(self) -> Array:
-        """m_i of the cubic kind."""
-        return np.asarray(self._whole(self.t, 1))
-
-    @cached_property
-    def _polynomials(self) -> list[PPoly]:
-        """The function and its derivatives between the samples."""
-        return [self._whole.derivative(k) for k in range(self.derivative, KINDS[self.kind] + 1)]
-
-    @cached_property
     def pieces(self) -> Array:
         """(samples - 1, 4): coefficient k of (t - t_i)^k between samples i and i + 1."""
-        c = self._polynomials[0].c[::-1].T
+        c = self._whole.derivative(self.derivative).c[::-1].T
         # Four columns for every kind, so that records of different kinds stand in one table.
         return np.pad(c, ((0, 0), (0, 4 - c.shape[1])))
 
@@ -293,36 +280,24 @@ class Sampled(Frozen):
                 rule = f"be evaluated within its samples, {where}"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
-    def value(self, t: ArrayLike) -> Array:
-        """The interpolant at t; InputError outside the samples."""
-        return self._derivative(t, 0)
-
-    def rate(self, t: ArrayLike) -> Array:
-        """First derivative at t. Raises InputError if the interpolant jumps."""
-        return self._derivative(t, 1)
-
-    def acceleration(self, t: ArrayLike) -> Array:
-        """Second derivative at t. Raises InputError if it does not exist."""
-        return self._derivative(t, 2)
-
-    def _derivative(self, t: ArrayLike, order: int) -> Array:
+    def _at(self, t: ArrayLike, order: int) -> Array:
         if order > self.degree:
             jump = "slopes jump" if order > 1 else "values jump"
             rule = f"have a derivative of order {order}: its {jump} at the samples"
             raise InputError("a sampled time function", f"kind={self.kind!r}", rule, 'take samples of kind "cubic"')
         t = np.asarray(t, float)
         self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
-        return np.asarray(self._polynomials[order](t))
+        return np.asarray(self._whole(t, self.derivative + order))
 
     def derived(self, times: int) -> Sampled:
         """f' or f''. Raises InputError where that would hold impulses."""
         if times > self.degree:
-            self._derivative(self.t[0], times)
+            self._at(self.t[0], times)
         return Sampled(self.t, self.values, self.kind, self.derivative + times)
 
 
 @dataclass(frozen=True, init=False, repr=False)
-class Superposition:
+class Superposition(Derivable):
     """f(t) = sum_k factor_k f_k(t) of ``terms`` = ((factor_k, f_k), ...); ``Superposition(f_1, f_2, ...)`` has factors
     1.
 
@@ -345,47 +320,34 @@ class Superposition:
     terms: tuple[tuple[float, LoadFunction], ...]
 
     def __init__(self, *functions: TimeFunction) -> None:
-        itself("time function", self, Superposition)
         if not functions:
-            raise InputError(
-                "Superposition", "nothing", "have at least one function of time", "for none give Constant(0.0)"
-            )
+            rule, remedy = "have at least one function of time", "for none give Constant(0.0)"
+            raise InputError("Superposition", "nothing", rule, remedy)
         for function in functions:
             motion_function("Superposition", function)
-        object.__setattr__(self, "terms", tuple((1.0, function) for function in functions))
+        vars(self)["terms"] = tuple((1.0, function) for function in functions)
 
     @classmethod
     def weighted(cls, terms: Iterable[tuple[float, LoadFunction]]) -> Superposition:
         """A sum of multiples of functions that have been checked."""
         total = object.__new__(cls)
-        object.__setattr__(total, "terms", tuple((float(factor), f) for factor, f in terms))
+        vars(total)["terms"] = tuple((float(factor), f) for factor, f in terms)
         return total
 
     def __repr__(self) -> str:
         terms = (repr(f) if factor == 1.0 else f"{factor:g} * {f!r}" for factor, f in self.terms)
         return f"Superposition({', '.join(terms)})"
 
-    def value(self, t: ArrayLike) -> Array:
-        """The sum of the terms, each with its factor."""
-        return sum((factor * evaluate(f, t) for factor, f in self.terms), np.zeros(np.shape(t)))
-
-    def rate(self, t: ArrayLike) -> Array:
-        """The sum of the terms' derivatives, each with its factor."""
-        return self._sum("rate", t)
-
-    def acceleration(self, t: ArrayLike) -> Array:
-        """The sum of the terms' second derivatives, each with its factor."""
-        return self._sum("acceleration", t)
-
-    def _sum(self, of: str, t: ArrayLike) -> Array:
-        return sum((factor * np.asarray(getattr(f, of)(t), float) for factor, f in self.terms), np.zeros(np.shape(t)))
+    def _at(self, t: ArrayLike, order: int) -> Array:
+        terms = (factor * evaluate(Derivative(f, order) if order else f, t) for factor, f in self.terms)
+        return sum(terms, np.zeros(np.shape(t)))
 
 
 @dataclass(frozen=True)
 class Derivative:
     """t -> f'(t) or f''(t) of a function that is known by its values only: a load that moves with a base."""
 
-    function: TimeFunction
+    function: Any
     order: int
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -482,6 +444,23 @@ def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
     if values.shape not in (t.shape, ()):
         raise InputError("a time function", values.shape, f"return one value per time, shape {t.shape}", remedy)
     return values if values.shape == t.shape else np.broadcast_to(values, t.shape)
+
+
+_PROCESS, _CALLABLES = uuid4().hex, {}
+
+
+def description(function: LoadFunction | None) -> str:
+    """A text that is equal for equal functions; of other functions than those of this module in this process only."""
+    if function is None or isinstance(function, (Harmonic, Constant)):
+        return repr(function)
+    if isinstance(function, Sampled):
+        return f"sampled {function.digest}"
+    if isinstance(function, Superposition):
+        return " + ".join(f"{factor!r} ({description(f)})" for factor, f in function.terms)
+    if isinstance(function, Derivative):
+        return f"derivative {function.order} of ({description(function.function)})"
+    _CALLABLES[id(function)] = function  # kept, so that no other one is ever given its number
+    return f"callable {_PROCESS} {id(function)}"
 
 
 def breakpoints_of(function: LoadFunction | None) -> Array:
@@ -624,16 +603,11 @@ class Drive:
         return np.unique(np.concatenate([np.zeros(0), *(record.t for record in self.records)]))
 
     @cached_property
-    def order(self) -> int:
-        """P, the number of coefficients of a record between two edges."""
-        return 1 + max((record.degree for record in self.records), default=-1)
-
-    @cached_property
     def table(self) -> Array:
-        """(edges, R, P): coefficient k of s^k in every record at an edge + s, up to the next edge."""
-        table = np.zeros((len(self.edges), len(self.records), self.order))
+        """(edges, R, 4): coefficient k of s^k in every record at an edge + s, up to the next edge."""
+        table = np.zeros((len(self.edges), len(self.records), 4))
         for r, record in enumerate(self.records):
             # Where a record has not begun, or has ended, it is not asked for.
             at = np.clip(np.searchsorted(record.t, self.edges, side="right") - 1, 0, len(record.t) - 2)
-            table[:, r] = moved(record.pieces[at], self.edges - record.t[at])[:, : self.order]
+            table[:, r] = moved(record.pieces[at], self.edges - record.t[at])
         return table

@@ -35,7 +35,7 @@ from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import remark
 from ..measures.errors import tip_error
-from ..model.modes import modes
+from ..model.modes import decoupled_modes
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
@@ -123,7 +123,7 @@ class Advise(Study):
             t_end = exact.horizon
             remarks.append(f"The advice is for the time to the horizon t = {t_end:.4g} of the exact motion.")
             exact = best_reference(system, t_end, progress=show)
-        most = self.most_steps or (MOST_STEPS if modes(system) is not None else MOST_DIRECT)
+        most = self.most_steps or (MOST_STEPS if decoupled_modes(system) is not None else MOST_DIRECT)
         search = Search(system, t_end, exact, begun + self.seconds, _wanted(system, self.want))
         chosen = search.cheapest(self._candidates(case, system), most)
         if not search.tried:

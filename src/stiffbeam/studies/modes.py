@@ -15,8 +15,7 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors
 from ..measures.frequencies import without_contact
-from ..model.modes import undamped_modes
-from ..model.natural_modes import modes
+from ..model.modes import modes, undamped_modes
 from . import base
 from .base import Answer, Row, Study, Table, option
 

@@ -27,7 +27,7 @@ from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
 from ..model.members import paths_of, value_at, with_values
-from ..model.natural_modes import modes
+from ..model.modes import modes
 from ..model.problem import PointLoad
 from ..model.system import System
 from ..model.time_functions import Drive, Harmonic, covered

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array, BoolArray
 from ..basics.text import several
-from ..basics.validation import InputError, non_negative
+from ..basics.validation import InputError, number
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
 from .records import ContactRecord, Impacts, Ledger
@@ -164,7 +164,7 @@ class Ensemble(Saved):
 
 def record_from(since: float, t_end: float) -> float:
     """``since``, the time after which contacts are recorded. Raises InputError outside [0, t_end)."""
-    if not non_negative("since", since) < t_end:
+    if not number("since", since, least=0.0) < t_end:
         remedy = "for example 0.0, to record from the start"
         raise InputError("since", since, f"be a time before t_end = {t_end:g}", remedy)
     return since

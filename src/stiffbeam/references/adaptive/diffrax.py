@@ -17,8 +17,7 @@ from ...basics.arrays import Array
 from ...basics.resources import once
 from ...basics.validation import InputError
 from ...model.contact import linear
-from ...model.right_hand_side import RightHandSide
-from ...model.right_hand_side_jax import Kind, numbers_of, rate_with_integrals
+from ...model.right_hand_side import RightHandSide, numbers_of, rate_with_integrals
 from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, Request
@@ -98,7 +97,7 @@ class Program:
         self._linear = linear(rhs.system.contacts)
         self._modal: dict[bytes, Modal | None] = {}
         with float64_on_the_processor():
-            self._kind, numbers = numbers_of(rhs.equations)
+            self._exponents, numbers = numbers_of(rhs.equations)
             self._numbers = jax.device_put(numbers)
         with once():
             self(Span(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0))  # compiles
@@ -109,7 +108,7 @@ class Program:
             arguments = self._arguments()
             ahead = np.full(CAPACITY, np.inf)
             ahead[: len(span.outputs)] = span.outputs
-            march = _compiled(self.name, self._kind)
+            march = _compiled(self.name, self._exponents)
             found = march(arguments, (self.rtol, self.atol), span._replace(outputs=ahead))
             return tuple(map(np.asarray, found))
 
@@ -123,11 +122,11 @@ class Program:
 
 
 @cache
-def _compiled(name: str, kind: Kind) -> Any:
+def _compiled(name: str, exponents: tuple[float, ...]) -> Any:
     """The march, compiled for every shape of its arguments once: systems of one shape share it."""
     import jax
 
-    return jax.jit(partial(_march, name, kind))
+    return jax.jit(partial(_march, name, exponents))
 
 
 class Stepper:
@@ -210,7 +209,7 @@ def _modal(jacobian: Array) -> Modal | None:
 
 
 def _march(
-    name: str, kind: Kind, arguments: Any, tolerances: tuple[Any, Any], span: Span
+    name: str, exponents: tuple[float, ...], arguments: Any, tolerances: tuple[Any, Any], span: Span
 ) -> tuple[Any, Any, Any, Any, Any]:
     """The accepted steps of a span: their times and states, the numbers of accepted and of tried steps, and the length
     of the next. arguments: of the right-hand side, and ``Modal`` or None."""
@@ -221,7 +220,7 @@ def _march(
     from jax import lax
 
     (rtol, atol), (t, z, dt, end, outputs, max_step, count) = tolerances, span
-    term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(kind, t, z, x[0]))
+    term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(exponents, t, z, x[0]))
     # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
     finder: Any = diffrax.VeryChord if arguments[1] is None else _chord()
     solver = getattr(diffrax, name)(root_finder=finder(rtol=rtol, atol=atol, norm=optimistix.rms_norm))

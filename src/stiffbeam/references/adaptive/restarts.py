@@ -233,7 +233,7 @@ def follow(
     rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH
     rounding = _rounding(rhs, scales)
     z, contacts = rhs.z0.copy(), Contacts(rhs)
-    rhs.window = (intervals[0].first, intervals[0].last)
+    rhs.window[:] = (intervals[0].first, intervals[0].last)
     for k, closed in enumerate(_closed_at_start(rhs, z, intervals[0], rounding)):
         if closed:
             contacts.switch(k, 0.0, z)
@@ -243,7 +243,7 @@ def follow(
     still = 0
     for interval in intervals:
         now, stored = interval.start, rhs.stored(interval.start, z)
-        rhs.window = (interval.first, interval.last)
+        rhs.window[:] = (interval.first, interval.last)
         # A stop may jump where an interval begins, or its velocity does, and with it the force of its damping.
         if interval is not intervals[0]:
             z = rhs.jumped(now, z, stored)

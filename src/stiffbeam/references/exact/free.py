@@ -16,7 +16,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.validation import InputError
 from ...kernels.exact import NONE_PRESSED, Free, Pressed
-from ...model.modes import modes, undamped_modes
+from ...model.modes import decoupled_modes, undamped_modes
 from ...model.system import System
 from ...model.time_functions import Drive, parts
 
@@ -48,7 +48,7 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
     basis, m = undamped_modes(system), len(system.contacts)
     w2, X = basis.omega**2, basis.shapes
     n = len(w2)
-    decoupled = modes(system)
+    decoupled = decoupled_modes(system)
     if decoupled is not None:
         coupling = int(bool(np.any(decoupled.damping)))
         drag, D = decoupled.damping.copy(), np.diag(decoupled.damping)
@@ -61,8 +61,6 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
     loads = np.vstack([np.zeros((1, n)), basis_rows, drive.recorded(rest, n)]) @ X
     offsets = np.vstack([np.zeros((1, m)), shifts[:, :m], drive.recorded(shift_rest, shifts.shape[1])[:, :m]])
     waves = np.array([0.0, *drive.frequencies])
-    pieces = np.zeros((len(drive.edges), len(drive.records), 4))
-    pieces[:, :, : drive.order] = drive.table
     rows = np.array([c.row for c in system.contacts]).reshape(m, n) @ X
     stops = np.array([[c.stops.lower_bound, c.stops.upper_bound] for c in system.contacts], float).reshape(m, 2)
     law = [
@@ -72,7 +70,7 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
     shared: dict[str, Any] = {
         "w2": w2, "drag": drag, "damping": D, "coupling": coupling, "rows": rows, "stops": stops,
         "laws": np.array(law, float).reshape(m, 3), "meet": rows @ rows.T, "loads": loads, "offsets": offsets,
-        "waves": waves, "edges": np.ascontiguousarray(drive.edges), "pieces": pieces,
+        "waves": waves, "edges": np.ascontiguousarray(drive.edges), "pieces": drive.table,
     }  # fmt: skip
     stiffness = shared["laws"][:, 0] * np.diag(shared["meet"])
     if np.any(np.isfinite(shared["laws"][:, 0]) & ~(stiffness < 1e290)):
