@@ -189,13 +189,10 @@ def _proportional(system: System) -> bool:
 def _undamped(system: System) -> Modes:
     into, back = _root(system.mass)
     factor = system.stiffness_factor
-    # With a factor of K by singular values, which lose w_max/w_1 instead of its square.
+    # A start by singular values of a factor of K, which lose w_max/w_1 instead of its square, or by eigenvalues.
     if factor is not None:
         _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
-        omega, shapes = omega[::-1], back(vectors[::-1].T)
-        rigid = len(omega) - np.count_nonzero(np.any(factor, axis=1))  # as many motions strain nothing
-        omega = np.where(np.arange(len(omega)) < rigid, 0.0, omega)
-    # Without one by eigenvalues, whose slow ones are refined afterwards.
+        squares, vectors = omega[::-1] ** 2, vectors[::-1].T
     else:
         scaled = 0.5 * into(into(system.stiffness).T)
         squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
@@ -203,8 +200,8 @@ def _undamped(system: System) -> Modes:
         if squares[0] < -1e-9 * squares[-1]:
             remedy = "look at the signs and the supports it was made with"
             raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
-        squares, shapes = graded_eigenpairs(system.mass, system.stiffness, squares, back(vectors))
-        omega = np.sqrt(np.maximum(squares, 0.0))
+    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))
+    omega = np.sqrt(np.maximum(squares, 0.0))
     shapes = shapes * np.where(_largest(shapes) < 0.0, -1.0, 1.0)  # equal systems have equal modes
     return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
 
@@ -314,10 +311,12 @@ def damping_ratios(ratio: float | Sequence[float], modes: int) -> Array:
     return np.pad(ratios, (0, modes - len(ratios)))
 
 
-def graded_eigenpairs(mass: Array, stiffness: Array, squares: Array, X: Array) -> tuple[Array, Array]:
+def graded_eigenpairs(
+    mass: Array, stiffness: Array, factor: Array | None, squares: Array, X: Array
+) -> tuple[Array, Array]:
     """(lambda ascending (n,), vectors (n, n), vectors^T M vectors = I) from approximate ones, ``squares`` and ``X``.
 
-    An eigenvalue below the rounding of the entries of K, seen along its vector, is that of a rigid-body motion, and
+    A factor G of K = G^T G has more of the slow ones than the rounded entries of K. An eigenvalue below the rounding of the entries of K, seen along its vector, is that of a rigid-body motion, and
     zero. Where S_ij comes near sqrt(S_ii S_jj) the vectors were too far off, and the better ones are the next start.
     Of more than SMALL unknowns only the slow pairs are refined, within the space that they span.
     """
@@ -328,15 +327,19 @@ def graded_eigenpairs(mass: Array, stiffness: Array, squares: Array, X: Array) -
     fast, (X, rest) = squares[slow:], np.split(X, [slow], axis=1)
     squares = rounding = np.zeros(slow)
     for _ in range(PASSES):
-        # S = X^T K X, and the size of the terms that it sums, from which its rounding follows.
-        S, terms = congruence(stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
+        # S = X^T K X, and its rounding by the size of the terms that are summed.
+        if factor is None:
+            S, terms = congruence(stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
+            rounding = rounding_of_zero(terms, slow)
+        else:
+            S, terms = gram(*product(factor, X)), np.sum((np.abs(factor) @ np.abs(X)) ** 2, axis=0)
+            rounding = rounding_of_zero(np.sqrt(terms), slow) ** 2
         # R = U^T U makes one symmetric matrix of the pair: U^-T S U^-1.
         R = congruence(mass, X)
         upper = scipy.linalg.cholesky(0.5 * (R + R.T))
         S = scipy.linalg.solve_triangular(upper, S, trans=1)
         S = scipy.linalg.solve_triangular(upper, S.T, trans=1)
         # Its pairs, and their vectors back in the space of X.
-        rounding = rounding_of_zero(terms, len(S))
         squares, turned, lowest = graded_eigh(0.5 * (S + S.T), rounding)
         X = X @ scipy.linalg.solve_triangular(upper, turned)
         # Graded already: the squares have their digits, and no better start is needed.
@@ -369,6 +372,12 @@ def congruence(A: Array, X: Array) -> Array:
     high, low = product(np.ldexp(A, -int(shift)), X)
     total, rest = product(X.T, high)
     return np.ldexp(total + (rest + X.T @ low), int(shift))
+
+
+def gram(high: Array, low: Array) -> Array:
+    """Y^T Y of the unrounded sum Y of two matrices, each entry rounded once."""
+    total, rest = product(high.T, high)
+    return total + (rest + low.T @ high + high.T @ low)
 
 
 def product(A: Array, B: Array) -> tuple[Array, Array]:
