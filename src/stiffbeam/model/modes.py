@@ -316,9 +316,10 @@ def graded_eigenpairs(
 ) -> tuple[Array, Array]:
     """(lambda ascending (n,), vectors (n, n), vectors^T M vectors = I) from approximate ones, ``squares`` and ``X``.
 
-    A factor G of K = G^T G has more of the slow ones than the rounded entries of K. An eigenvalue below the rounding of the entries of K, seen along its vector, is that of a rigid-body motion, and
-    zero. Where S_ij comes near sqrt(S_ii S_jj) the vectors were too far off, and the better ones are the next start.
-    Of more than SMALL unknowns only the slow pairs are refined, within the space that they span.
+    A factor G of K = G^T G has more digits of the slow ones than the rounded entries of K. An eigenvalue below the
+    rounding, seen along its vector, is that of a rigid-body motion, and zero. Where S_ij comes near sqrt(S_ii S_jj) the
+    vectors were too far off, and the better ones are the next start. Of more than SMALL unknowns only the slow pairs
+    are refined, within the space that they span.
     """
     # The solver errs by n eps of the largest square: squares below this one have more than ENOUGH of error.
     slow = len(X) if len(X) <= SMALL else int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
