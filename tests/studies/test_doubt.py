@@ -34,7 +34,7 @@ def doubted(case, scheme="HHT(alpha=-0.1)", members=8, **options):
 
 def dominant(rows) -> str:
     """The source that is named alone, "" for several."""
-    return " or ".join(rows[rows.largest].index)
+    return " or ".join(largest_of({x.Index: (x.value, x.low, x.high) for x in rows.itertuples()}))
 
 
 def ball(stiffness: float = 1e4) -> sb.System:

@@ -40,11 +40,12 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 class Display:
-    """Progress of one call: a bar on a terminal, at once where it was ``asked`` for, else one line after WAIT
-    seconds."""
+    """Progress of one call: a bar on a terminal, at once where it was ``asked`` for; else a line after WAIT seconds
+    and after each threefold of them."""
 
     def __init__(self, what: str, asked: bool) -> None:
-        self.now, self.opens = (what, 0, 0), time.perf_counter() + WAIT
+        self.now, self.begun = (what, 0, 0), time.perf_counter()
+        self.opens = self.begun + WAIT
         self.bar = self.drawn() if asked else None
         _WATCH.wait_for(self if self.bar is None else None)
 
@@ -58,10 +59,13 @@ class Display:
             change(self.bar.task_ids[0], description=what, completed=done, total=total or None)
 
     def open(self) -> None:
-        """Show the bar, or the line."""
-        self.bar = self.drawn()
+        """Show the bar, or a line."""
+        self.bar, passed = self.drawn(), time.perf_counter() - self.begun
+        self.opens = float("inf") if self.bar is not None else self.begun + 3.0 * passed
         if self.bar is None:
-            print(f"stiffbeam: {WAIT:g} s so far, now {self.now[0]}", file=sys.stderr, flush=True)
+            what, done, total = self.now
+            share = f", {100 * done // total} % done" if done and total else ""
+            print(f"stiffbeam: {passed:.0f} s so far, now {what}{share}", file=sys.stderr, flush=True)
 
     def drawn(self) -> Any:
         """The bar, None where it cannot be drawn."""
@@ -109,10 +113,7 @@ class Watch:
                 if display is None:
                     self._runs = False
                     return
-                due = time.perf_counter() >= display.opens
-                if due:
-                    self._display = None
-            if due:
+            if time.perf_counter() >= display.opens:
                 display.open()
 
 

@@ -63,8 +63,7 @@ def application(first: str = "") -> App:
         from ..studies import studies
 
         for name, kind in studies().items():
-            if name not in OWN:
-                group.command(study_command(kind), name=name)
+            group.command(study_command(kind), name=name, show=name not in OWN)
     app.command(group)
     return app
 
@@ -78,7 +77,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 
     def run(
         case: CaseName = "table10", /, *, options: Any = None, dt: Step = None, t_end: EndTime = None,
-        out: Path | None = None, jobs: int | None = None, json: Json = None,
+        out: Out = None, jobs: Jobs = None, json: Json = None,
     ) -> int:  # fmt: skip
         from ..studies.base import perform
 
@@ -99,19 +98,9 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
         return 0 if written else 1
 
     names = ", ".join(f.name for f in fields(kind))
-    run.__doc__ = (kind.__doc__ or "") + _SHARED
+    run.__doc__ = kind.__doc__
     run.__annotations__["options"] = Annotated[kind | None, Parameter(name="*", help=names)]
     return run
-
-
-_SHARED = """
-    Parameters
-    ----------
-    out
-        Folder for table, text, picture and finished points; by default stiffbeam-output/CASE.
-    jobs
-        Processes; by default one per core.
-    """
 
 
 # ---------------------------------------------------------------- options and output
@@ -120,6 +109,10 @@ _SHARED = """
 CaseName = Annotated[str, Parameter(help="table1 .. table17, a case file, or file.toml:name.")]
 Step = Annotated[float | None, Parameter(help="Time step in place of the case's.")]
 EndTime = Annotated[float | None, Parameter(help="End time in place of the case's.")]
+Out = Annotated[
+    Path | None, Parameter(help="Folder of what is written and of finished points; by default stiffbeam-output/CASE.")
+]
+Jobs = Annotated[int | None, Parameter(help="Processes; by default one per core.")]
 Form = Annotated[str | None, Parameter(help="displacement, velocity-curvature or hermite.")]
 Json = Annotated[
     Path | None, Parameter(allow_leading_hyphen=True, help="Write the records to this file, - for stdout.")

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     from ..files.cases import Case
     from ..model.problem import BeamProblem
+else:
+    Axes = Figure = Any  # names for annotations, also of the modules that import them from here
 
 
 # Okabe and Ito's palette, distinguishable with any colour vision, and two more; black is the exact motion.

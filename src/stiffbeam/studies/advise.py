@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -29,7 +29,7 @@ from cyclopts import Parameter
 from ..basics.progress import current
 from ..basics.resources import clock
 from ..basics.validation import InputError, instance, one_of, positive, sequence
-from ..figures.chart import log_scale, look, panel_legend
+from ..figures.chart import Figure, log_scale, look, panel_legend
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
@@ -45,9 +45,6 @@ from ..schemes.labels import label_of_run
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
 from . import base
 from .base import Answer, Records, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 BETWEEN = 5  # steps that are tried between a step and its half
 FARTHEST = 1e4  # errors over the wanted ones that are shown: those of runs that blow up would hide the others

@@ -13,7 +13,7 @@ exists for any pair.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -22,7 +22,7 @@ from scipy.stats import t as student
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, positive
-from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, short
+from ..figures.chart import Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..model.members import off_rigid_stops
@@ -34,9 +34,6 @@ from ..references.ensemble import reference_ensemble
 from ..trajectory.ensemble import Ensemble
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
 ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding

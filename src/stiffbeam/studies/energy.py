@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
-from ..figures.chart import lines, name_lines, shared_legend, short, signed_log
+from ..figures.chart import Axes, Figure, lines, name_lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent
@@ -16,10 +16,6 @@ from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Trajectory
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 OUTPUTS = 200  # times at which the energy balance is kept
 MOST = 100.0  # per cent: a longer bar ends here, beside its number

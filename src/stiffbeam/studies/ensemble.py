@@ -9,7 +9,7 @@ beyond which half of the time in contact is spent.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
-from ..figures.chart import log_scale, look, name_lines, shared_legend, short
+from ..figures.chart import Axes, Figure, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import DASH, percent
@@ -26,10 +26,6 @@ from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distributions of durations and forces
 LEDGERS = 24  # members of a scheme whose energy is followed: its spread is small, but for the trapezoidal rule

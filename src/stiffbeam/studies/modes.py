@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
 from ..basics.arrays import Array
 from ..basics.text import several
-from ..figures.chart import log_scale, look, shared_legend, short, signed_log
+from ..figures.chart import Figure, log_scale, look, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors
@@ -19,9 +19,6 @@ from ..model.modes import undamped_modes
 from ..model.natural_modes import modes
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ROUNDING = 1e-12
 QUANTITIES = (  # with the size below which the axis is linear

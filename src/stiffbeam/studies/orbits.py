@@ -13,14 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import pandas as pd
 
 from ..basics.units import with_unit
 from ..basics.validation import InputError
-from ..figures.chart import panel_legend, tip_name, tip_symbol
+from ..figures.chart import Figure, panel_legend, tip_name, tip_symbol
 from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
@@ -28,9 +28,6 @@ from ..trajectory.trajectory import SolverFailure
 from . import base
 from .base import Answer, Row, Study, Table, option
 from .sweep import drive_period, named, setup_of, values_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SETTLE, AGAIN, STARTS = 60, 7, 3  # periods before the first search, between searches; searches at a value
 STEPS = (20, 50)  # least and most values of a branch

@@ -6,7 +6,7 @@ A compliant stop reverses the tip in half a period of the spring, a rigid one at
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -14,16 +14,13 @@ import pandas as pd
 from ..basics.arrays import Array
 from ..basics.units import with_unit
 from ..basics.validation import InputError
-from ..figures.chart import log_scale, style_of
+from ..figures.chart import Figure, log_scale, style_of
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.report import percent
 from ..references.exact.solution import solve_exact
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SAMPLES = 4000
 PANELS = {"tip_error": "the tip", "impact_time_error": "impact times", "impulse_error": "the first impulse",

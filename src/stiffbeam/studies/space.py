@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
 from ..basics.validation import InputError
-from ..figures.chart import log_scale, mark_order, panel_legend, style_of
+from ..figures.chart import Axes, Figure, log_scale, mark_order, panel_legend, style_of
 from ..files.cases import Case
 from ..measures.errors import Order, impact_times, tip_error
 from ..measures.frequencies import steady_state, without_contact
@@ -18,10 +18,6 @@ from ..model.modes import modes
 from ..model.time_functions import Harmonic
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SAMPLES = 2000
 TITLES = {"frequency": "natural frequencies, against the beam", "response": "driven tip, no contact"}

@@ -13,16 +13,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
 from ..basics.arrays import Array, content
 from ..basics.units import unit_of, with_unit
-from ..basics.validation import InputError, number, positive
-from ..figures.chart import dashed, log_scale, look, tip_name, tip_symbol
+from ..basics.validation import InputError, number
+from ..figures.chart import Axes, Figure, dashed, log_scale, look, tip_name, tip_symbol
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
@@ -39,10 +39,6 @@ from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 EXACT = "exact"
 LOG_RANGE = 30.0  # ratio of values from which on their axis, or the colours of their map, are logarithmic
@@ -312,20 +308,6 @@ def _decades(values: Any) -> bool:
 # ---------------------------------------------------------------- parameters, also of orbits
 
 
-def _clearance(system: System, value: float) -> System:
-    """Every stop the system has at this distance from zero."""
-    positive("clearance", value)
-    if not system.contacts:
-        remedy = "vary another parameter, or give the case stops"
-        raise InputError("parameter", "clearance", "be asked of a case with stops", remedy)
-    sides = [
-        {side: sign * value for side, sign in (("lower", -1.0), ("upper", 1.0)) if getattr(x.stops, side) is not None}
-        for x in system.contacts
-    ]
-    moved = (replace(x, stops=replace(x.stops, **to)) for x, to in zip(system.contacts, sides, strict=True))
-    return replace(system, contacts=tuple(moved))
-
-
 @dataclass(frozen=True)
 class Setup:
     """A value of the parameter, ready to run. period: T of the drive, or the whole run where the case has no such
@@ -386,7 +368,7 @@ def scheme_of(case: Case, method: Any) -> Scheme | None:
 def setup_of(system: System, point: Row, value: float) -> Setup:
     """Setup with one value on the case's system. Raises InputError for a value that is not possible."""
     name, dt, whole = point["parameter"], point["dt"], point.get("t_end")
-    system = _clearance(system, value) if name == "clearance" else with_values(system, {name: value})
+    system = with_values(system, {name: value})
     period = drive_period(system, name) if whole is None else whole
     assert period is not None
     if dt is None:
