@@ -5,11 +5,11 @@
     error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
     error(impulse)     likewise, of the integral of |sigma|
 
-With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step counts if
+With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step is sure if
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
-steadily, and a count or a peak may be right by chance. The result is the cheapest run in linear solves (steps times
-stages), which are the cost of a step in any program. All schemes are refined together: a scheme is not run finely if a
-coarse run of another is enough. If no run is advised, the one with the smallest worst error over the wanted one is
+steadily, and a count or a peak may be right by chance. The result is the cheapest sure run in linear solves (steps
+times stages), which are the cost of a step in any program. All schemes are refined together: a scheme is not run finely
+if a coarse run of another is enough. If no run is sure, the one with the smallest worst error over the wanted one is
 named.
 
 Past the horizon of the exact motion a single motion has no meaning: the advice is for the time to the horizon. The
@@ -67,8 +67,8 @@ def _want(kind: Any, tokens: Sequence[Any]) -> dict[str, float]:
 class Advise(Study):
     """Which scheme, contact treatment and time step are the cheapest for given errors?
 
-    The search ends after ``seconds`` of CPU with what is known by then. In Python ``advise.advised(records)`` is the
-    run that is advised.
+    Errors are those against the exact solution. The search ends after ``seconds`` of CPU with what is known by then. In
+    Python ``advise.advised(records)`` is the run that is advised.
 
     Example: stiffbeam advise table10 --want tip=1e-3,impacts=0.05
     """
@@ -127,6 +127,10 @@ class Advise(Study):
             raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
         if search.ended:
             remarks.append(f"The search ended after {self.seconds:g} s at {search.ended}: more seconds may find more.")
+        elif chosen is None:
+            remarks.append(f"The search ended at {most} steps: a larger number as most_steps may find more.")
+        else:
+            remarks.append("The search ended where every other scheme costs more.")
         if chosen is not None:
             chosen["kind"] = "advised"
         rows = [*search.tried, *({"kind": "remark", "reason": text} for text in remarks if text)]
@@ -144,7 +148,9 @@ class Advise(Study):
             notes.append("Ask for larger errors, or for a shorter t_end, before the motions part.")
         errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in wanted)
         verdict += f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {run.t_end:g}, {run.work:g} "
-        return Answer(f"{verdict}linear solves, relative errors {errors}.", notes=" ".join(notes))
+        notes.insert(0, f"A run is sure if dt/2 and {BETWEEN} steps between dt and dt/2 meet the errors too.")
+        errors = f"relative errors against the exact solution {errors}"
+        return Answer(f"{verdict}linear solves, {errors}.", notes=" ".join(notes))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The worst error over the wanted one of every run against its cost; the run that is advised is black."""
@@ -236,7 +242,8 @@ class Search:
             errors, seconds = dict.fromkeys(QUANTITIES, np.inf), 0.0
         row: Row = {"kind": "run", "scheme": label_of_run(scheme), "contact": contact, "dt": dt, "steps": steps,
                     "work": steps * len(scheme.nodes), "seconds": seconds}  # fmt: skip
-        return row | {f"error_{name}": x for name, x in errors.items()}
+        self.tried.append(row | {f"error_{name}": x for name, x in errors.items()})
+        return self.tried[-1]
 
     def meets(self, run: Row) -> bool:
         """Return True where every error is at most the one wanted."""
@@ -252,12 +259,12 @@ class Search:
         best: Row | None = None
         alive: list[tuple[Scheme, str, Row | None]] = [(scheme, contact, None) for scheme, contact in candidates]
         while alive and steps <= most and not self.ended:
-            refined, level = [], []
+            refined = []
             for done, (scheme, contact, before) in enumerate(alive):
                 show(f"advise: runs of {steps} steps", done, len(alive))
                 # A run takes twice as long as the one of half the steps.
                 last = 0.0 if before is None else 2.0 * before["seconds"]
-                if clock() + last > self.until and (level or self.tried):
+                if clock() + last > self.until and self.tried:
                     self.ended = f"{steps} steps"
                     continue
                 good = before if before is not None and self.meets(before) else None
@@ -267,13 +274,11 @@ class Search:
                 run = self.probe(scheme, contact, steps)
                 if run is None:
                     continue  # what this scheme or these stops do not take
-                level.append(run)
                 # Runs between two that meet the requirements may show that this was chance.
                 if good and self.meets(run) and self._confirmed(scheme, good):
                     best = good
                     continue
                 refined.append((scheme, contact, run))
-            self.tried += level
             alive, steps = refined, 2 * steps
         return best
 
@@ -285,13 +290,9 @@ class Search:
 
     def _confirmed(self, scheme: Scheme, coarse: Row) -> bool:
         """Return True where runs of steps between those of ``coarse`` and their half meet the want too."""
-        for k in range(1, BETWEEN + 1):
-            run = self.probe(scheme, coarse["contact"], round(coarse["steps"] * 2.0 ** (k / (BETWEEN + 1))))
-            if run is not None:
-                self.tried.append(run)
-                if not self.meets(run):
-                    return False
-        return True
+        numbers = (round(coarse["steps"] * 2.0 ** (k / (BETWEEN + 1))) for k in range(1, BETWEEN + 1))
+        runs = (self.probe(scheme, coarse["contact"], steps) for steps in numbers)
+        return all(run is None or self.meets(run) for run in runs)
 
 
 def errors_of(run: Trajectory, exact: Reference) -> tuple[dict[str, float], float]:
