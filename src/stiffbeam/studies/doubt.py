@@ -24,6 +24,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -235,10 +236,6 @@ _EXACT = Recent[tuple[Ensemble, dict[str, Array]]](1)  # the exact members, whic
 # ---------------------------------------------------------------- intervals and the largest source
 
 
-def _deviations(x: Array, axis: int = -1) -> Array:
-    return np.std(x, axis=axis, ddof=1)
-
-
 @dataclass(frozen=True)
 class Column:
     """A statistic and the members (M,) of which it is one; factors: of its size, and of the ends of its bracket."""
@@ -255,7 +252,7 @@ def shift(values: Array, wanted: Array) -> Column:
 
 def scatter(values: Array) -> Column:
     """The column of the deviation of values."""
-    return Column(_deviations, np.asarray(values, float))
+    return Column(partial(np.std, ddof=1), np.asarray(values, float))
 
 
 def interval(column: Column) -> tuple[float, float]:

@@ -41,7 +41,7 @@ from . import base
 from .base import Answer, Row, Study, Table, option
 
 EXACT = "exact"
-LOG_RANGE = 30.0  # ratio of values from which on their axis, or the colours of their map, are logarithmic
+LOG_RANGE = 30.0  # ratio of values from which on their axis is logarithmic
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
 SAME = 1e-3  # of the motion's size at each value: section points closer than this are one
 REST = 1e-6  # of the largest motion: a smaller one has this size
@@ -95,13 +95,11 @@ class Sweep(Study):
             raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
         values = values_of(parameter, self.values, self.count, period)
         transient = 0 if once else self.transient
-        shared = {
-            "parameter": parameter, "method": method, "form": self.form or case.forms[0],
-            "contact": self.contact, "dt": None if method == EXACT else case.dt,
-            "periods": 1 if once else self.periods, "transient": transient,
-        } | ({"t_end": case.t_end} if once else {})  # fmt: skip
+        shared: Row = {"method": method, "dt": None if method == EXACT else case.dt,
+                       "periods": 1 if once else self.periods, "transient": transient}  # fmt: skip
+        shared |= {"t_end": case.t_end} if once else {}
         # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-        ends = [setup_of(nominal, shared, value) for value in (min(values), max(values))]
+        ends = [setup_of(nominal, parameter, x, shared["dt"], shared.get("t_end")) for x in (min(values), max(values))]
         if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
             try:
                 refuse(ends[0].system, transient * ends[0].period)
@@ -112,24 +110,34 @@ class Sweep(Study):
         return [{**shared, "values": values[i : i + size]} for i in range(0, len(values), size)]
 
     def run(self, case: Case, values: list[float], **point: Any) -> list[Row]:
-        """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
+        """Rows of every value of this point; a value that is refused gives a row with the reason."""
         system, scheme = case.system(self.form), scheme_of(case, self.method or point["method"])
         rows: list[Row] = []
         groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
         for value in values:
             named: Row = {self.parameter: value}
             try:
-                setup = setup_of(system, point, value)
+                setup = setup_of(system, self.parameter, value, point["dt"], point.get("t_end"))
                 groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if scheme else {}), setup))
             except InputError as error:
                 rows.append(named | {"lost": str(error)})
         for group in groups.values():
             try:
-                many = _march(point, scheme, [setup for _, setup in group])
+                many = self._march(point, scheme, [setup for _, setup in group])
                 rows += [row for i, (named, _) in enumerate(group) for row in _rows(point, named, many, i)]
             except (InputError, SolverFailure) as error:
                 rows += [named | {"lost": str(error)} for named, _ in group]
         return rows
+
+    def _march(self, point: Row, scheme: Scheme | None, setups: list[Setup]) -> Ensemble:
+        """Setups of one kind, with the tip at every period."""
+        first, systems = setups[0], [setup.system for setup in setups]
+        t = first.period * np.arange(point["transient"] + point["periods"] + 1)
+        end, since = float(t[-1]), float(t[point["transient"]])
+        if scheme is None:
+            return reference_ensemble(first.system, end, systems, t, since=since)
+        every = round(first.period / first.dt)
+        return integrate_ensemble(first.system, scheme, first.dt, end, systems, self.contact, every, since=since)
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The range of impact counts and peak forces over the values, and where the motion is periodic."""
@@ -171,7 +179,7 @@ class Sweep(Study):
             axis.set(title=label)
             axis.set_ylim(bottom=0.0)
         axes[-1].set_xlabel(named(case, self.parameter))
-        if _decades(table[self.parameter]):
+        if 0.0 < LOG_RANGE * table[self.parameter].min() < table[self.parameter].max():
             log_scale(axes[-1], y=False)
 
     def _section(self, axis: Axes, sections: Table, case: Case) -> None:
@@ -184,15 +192,10 @@ class Sweep(Study):
 
     def _measure(self, axis: Axes, contacts: Table, quantity: str, scale: float) -> None:
         width = 0.7 if contacts[self.parameter].nunique() <= 400 else 0.0  # more points than that are a band
-        parts = _places(contacts)
+        parts = _places(contacts.sort_values(self.parameter))
         for i, (label, rows) in enumerate(parts):
-            rows = rows.sort_values(self.parameter)
-            style: dict[str, Any] = look(str(contacts.method.iloc[0])) | {
-                "marker": ".",
-                "lw": width,
-                "linestyle": dashed(i),
-            }
-            axis.plot(rows[self.parameter], rows[quantity] / scale, label=label.strip(), ms=3.0, **style)
+            style: dict[str, Any] = look(str(contacts.method.iloc[0])) | {"marker": ".", "linestyle": dashed(i)}
+            axis.plot(rows[self.parameter], rows[quantity] / scale, label=label.strip(), ms=3.0, lw=width, **style)
         if len(parts) > 1:
             axis.legend(frameon=False, fontsize=8)
 
@@ -227,18 +230,6 @@ def _transient(system: System, periods: int, parameter: str) -> str:
     return f" Without contact {percent(left)} of a free vibration is left after that transient: raise transient."
 
 
-def _march(point: Row, scheme: Scheme | None, setups: list[Setup]) -> Ensemble:
-    """Setups of one kind, with the tip at every period."""
-    first, systems = setups[0], [setup.system for setup in setups]
-    t = first.period * np.arange(point["transient"] + point["periods"] + 1)
-    since = float(t[point["transient"]])
-    if scheme is None:
-        return reference_ensemble(first.system, float(t[-1]), systems, t, since=since)
-    every = round(first.period / first.dt)
-    contact = point["contact"]
-    return integrate_ensemble(first.system, scheme, first.dt, float(t[-1]), systems, contact, every, since=since)
-
-
 def _rows(point: Row, named: Row, many: Ensemble, i: int) -> list[Row]:
     """Return the rows of member i after the transient."""
     if np.isfinite(many.diverged[i]):
@@ -268,12 +259,6 @@ def sections(table: Table, parameter: str) -> dict[float, Array]:
     return {float(value): group.tip.to_numpy(float) for value, group in rows.groupby(parameter)}
 
 
-def sizes(table: Table, parameter: str) -> dict[float, float]:
-    """The size of the motion at every value: the largest of |u| and |u'|/w in its section, w the drive's frequency."""
-    every = table[table.kind == "section"].groupby(parameter)["size"].max()
-    return np.maximum(every, REST * every.max()).to_dict()
-
-
 def repeats_after(section: Array, size: float) -> int | None:
     """The least p <= LONGEST with u(n + p) = u(n) to SAME of ``size`` all along the section; 0 for none, None where the
     section has too few points to rule out one."""
@@ -288,7 +273,9 @@ def _periodicity(table: Table, parameter: str) -> list[str]:
     by_value = sections(table, parameter)
     if not by_value:
         return []
-    size = sizes(table, parameter)
+    # The size of the motion at every value: the largest of |u| and |u'|/w in its section, w the drive's frequency.
+    size = table[table.kind == "section"].groupby(parameter)["size"].max()
+    size = size.clip(lower=REST * size.max())
     repeats = [repeats_after(section, size[value]) for value, section in by_value.items()]
     several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
     words = [
@@ -298,11 +285,6 @@ def _periodicity(table: Table, parameter: str) -> list[str]:
     if short:
         words.append(f"{table.periods.iloc[0]:g} periods are too few to tell at {short}: {LONGEST + 1} would do")
     return words
-
-
-def _decades(values: Any) -> bool:
-    """True for values far apart, which a logarithmic axis shows."""
-    return bool(0.0 < LOG_RANGE * values.min() < values.max())
 
 
 # ---------------------------------------------------------------- parameters, also of orbits
@@ -365,9 +347,9 @@ def scheme_of(case: Case, method: Any) -> Scheme | None:
     return None if method == EXACT else next(iter(base.chosen_schemes(case, [method]).values()))
 
 
-def setup_of(system: System, point: Row, value: float) -> Setup:
-    """Setup with one value on the case's system. Raises InputError for a value that is not possible."""
-    name, dt, whole = point["parameter"], point["dt"], point.get("t_end")
+def setup_of(system: System, name: str, value: float, dt: float | None = None, whole: float | None = None) -> Setup:
+    """Setup with one value of a parameter on the case's system; dt: of a scheme; whole: t_end of a case without a
+    period. Raises InputError for a value that is not possible."""
     system = with_values(system, {name: value})
     period = drive_period(system, name) if whole is None else whole
     assert period is not None
