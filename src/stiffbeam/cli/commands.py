@@ -82,7 +82,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
         from ..studies.base import perform
 
         check_json(json)
-        chosen, options = asked_case(case, dt, t_end), kind() if options is None else options
+        chosen, options = asked_case(case, dt, t_end), options or kind()
         folder = make_folder(out if out is not None else default_folder(chosen.name))
         if jobs is None:
             jobs = 1 if kind.all_cores else cores()
@@ -200,16 +200,11 @@ class Options:
 
 def compare(
     case: CaseName, *, options: Annotated[Options | None, Parameter(name="*")] = None, dt: Step = None,
-    t_end: EndTime = None, out: Path | None = None, json: Json = None,
+    t_end: EndTime = None, out: Out = None, json: Json = None,
 ) -> int:  # fmt: skip
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories.
 
     Example: stiffbeam compare table10 --schemes 'BDF2,HHT(alpha=-0.2)' --json records.json
-
-    Parameters
-    ----------
-    out
-        Folder for picture, trajectories and table; by default stiffbeam-output/CASE.
     """
     from ..schemes.labels import split_runs
     from ..studies.comparison import CaseComparison
@@ -251,10 +246,17 @@ def _follow(
     result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
     case: str, folder: Path, written: list[Path],
 ) -> None:  # fmt: skip
-    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference."""
+    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference, or the
+    last one where solvers are named among the schemes, so that they have their rows."""
     from ..measures.report import largest, short, verdict
 
-    told = 0  # failures
+    def tables() -> None:
+        tell(f"\n{result.report()}")
+        if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
+            command = f"stiffbeam ensemble {shlex.quote(case)}"
+            tell(f"\nStatistics past the horizon, over many runs: {command}")
+
+    told, solvers = 0, set(schemes or ()) & set(REFERENCES)  # failures that are printed
     for solution in result.run(schemes, names):
         if not written:
             make_folder(folder)
@@ -266,12 +268,12 @@ def _follow(
             said = verdict([c]) if c.label == solution.label else said
         work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
         tell(f"{short(solution.provenance['method'])}: {said} ({work})")
-        if len(result.references) == 1 and solution is result.references[0]:
+        if len(result.references) == 1 and solution is result.references[0] and not solvers:
             told = len(result.failures)
-            tell(f"\n{result.report()}")
-            if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
-                command = f"stiffbeam ensemble {shlex.quote(case)}"
-                tell(f"\nStatistics past the horizon, over many runs: {command}")
+            tables()
+    if solvers and result.references:
+        told = len(result.failures)
+        tables()
     for kind, label, message in result.failures[told:]:
         tell(f"{kind}  {short(label)}  {message}")
 

@@ -219,9 +219,7 @@ class Records:
         return f"<p>{escape(answer.verdict)}</p>{small}<p>{escape(answer.notes)}</p>"
 
     def _repr_png_(self) -> bytes:
-        from ..figures.chart import png
-
-        return png(self.figure())
+        return self.figure()._repr_png_()  # type: ignore[attr-defined]
 
     def figure(self) -> Figure:
         """The picture under the answer."""
