@@ -19,7 +19,7 @@ from ..measures.comparison import contact_name
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import new_figure, short, tip_name, tip_symbol
+from .chart import new_figure, short, tip_text
 from .runs import line_of
 
 POINTS = 80  # along a beam
@@ -121,7 +121,7 @@ def _stage(runs: Sequence[Trajectory], system: System, t: Array) -> tuple[Any, A
         above.set_xlabel(with_unit(units, "place along the beam $x$", "length"))
         above.set_ylabel(with_unit(units, "$u(x, t)$", "length"))
     high = 1.1 * max(float(np.max(np.abs(tip))) for *_, tip in moves) or 1.0
-    tip_label = with_unit(units, f"{tip_name(beam)} {tip_symbol(beam)}".strip(), "length")
+    tip_label = with_unit(units, tip_text(beam), "length")
     below.set(xlim=(0.0, t[-1]), ylim=(-high, high), xlabel=with_unit(units, "time $t$", "time"), ylabel=tip_label)
     above.legend(loc="upper left", frameon=False, ncols=len(runs))
     clock = above.text(0.99, 0.97, "", transform=above.transAxes, ha="right", va="top")

@@ -222,6 +222,11 @@ def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
     return f"$u({end}, {t})$" if tip_name(problem) == "tip" else f"$u({end}/2, {t})$"
 
 
+def tip_text(problem: BeamProblem | None, quantity: str = "", t: str = "t") -> str:
+    """Name, quantity and symbol of the observed displacement."""
+    return " ".join(filter(None, [tip_name(problem), quantity, tip_symbol(problem, t)]))
+
+
 def tip_name(problem: BeamProblem | None) -> str:
     """Name of the observed point: the tip, or the middle of a beam whose end is held; matrices have none."""
     return "" if problem is None else "tip" if problem.ends[1] == "free" else "mid-span"

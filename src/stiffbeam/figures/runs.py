@@ -18,7 +18,7 @@ from ..model.contact import Stops
 from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import COLOURS, Axes, Figure, look, new_figure, shared_legend, short, tip_name, tip_symbol
+from .chart import COLOURS, Axes, Figure, look, new_figure, shared_legend, short, tip_symbol, tip_text
 
 TICKS = 6  # of an axis of times: more would run into each other
 
@@ -106,7 +106,7 @@ def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
 def tip_label(system: System | None, units: Units | None = None) -> str:
     """Label of the displacement of the tip, with its unit: of the system, if not passed."""
     beam, units = system and system.problem, units or (system and system.units) or ()
-    return with_unit(units, f"{tip_name(beam)} displacement {tip_symbol(beam)}".strip(), "length")
+    return with_unit(units, tip_text(beam, "displacement"), "length")
 
 
 def position_label(system: System, contact: int) -> str:
@@ -236,7 +236,7 @@ def run_figure(run: Trajectory) -> Figure:
     tip.plot(run.t, run.tip, color=colour, lw=0.9)
     tip.set_ylabel(tip_label(run.system, units))
     portrait.plot(run.tip, run.tip_velocity, color=colour, lw=0.9)
-    velocity = f"{tip_name(beam)} velocity {tip_symbol(beam).replace('u(', 'u_t(')}".strip()
+    velocity = tip_text(beam, "velocity").replace("u(", "u_t(")
     portrait.set(xlabel=tip_label(run.system, units), ylabel=with_unit(units, velocity, "velocity"))
     for record in run.contacts:
         if np.array_equal(record.position, run.tip):

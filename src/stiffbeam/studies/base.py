@@ -403,12 +403,13 @@ def _described(value: Any, source: bool = False) -> Any:
 _SOLVED = Recent[Reference](4)
 
 
-def _labels(kind: Any, tokens: Sequence[Token]) -> list[str]:
-    return [part.strip() for token in tokens for part in split_runs(token.value)]
+def _listed(read: Callable[[str], list[Any]]) -> Parameter:
+    """Parameter whose texts are each read as a list."""
 
+    def convert(kind: Any, tokens: Sequence[Token]) -> list[Any]:
+        return [value for token in tokens for value in read(token.value)]
 
-def _integers(kind: Any, tokens: Sequence[Token]) -> list[int]:
-    return [int(part) for token in tokens for part in token.value.split(",")]
+    return Parameter(converter=convert, n_tokens=1, negative=())
 
 
 def read_values(text: str) -> list[float]:
@@ -428,13 +429,9 @@ def read_values(text: str) -> list[float]:
     return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
 
 
-def _values(kind: Any, tokens: Sequence[Token]) -> list[float]:
-    return [value for token in tokens for value in read_values(token.value)]
-
-
-Labels = Annotated[Sequence[Any] | None, Parameter(converter=_labels, n_tokens=1, negative=())]
-Integers = Annotated[Sequence[int] | None, Parameter(converter=_integers, n_tokens=1, negative=())]
-Values = Annotated[Sequence[float] | None, Parameter(converter=_values, n_tokens=1, negative=())]
+Labels = Annotated[Sequence[Any] | None, _listed(lambda text: [part.strip() for part in split_runs(text)])]
+Integers = Annotated[Sequence[int] | None, _listed(lambda text: list(map(int, text.split(","))))]
+Values = Annotated[Sequence[float] | None, _listed(read_values)]
 
 
 VALUES = "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ..basics.validation import InputError, positive
-from ..figures.chart import Axes, Figure, log_scale, look, mark_order, shared_legend, short
+from ..figures.chart import Axes, Figure, lines, log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
 from ..integrators import SCHEME, SOLVER, Integrator, fastest
 from ..measures.errors import Order, matched_until, observed_order, tip_error
@@ -83,7 +83,7 @@ class Converge(Study):
     height: ClassVar = 8.4
     labels: ClassVar = {
         "dt": (r"time step $\Delta t$", "time"), "tip_error": ("tip error, rms, relative", ""),
-        "solves": ("linear solves or evaluations", ""), "seconds": ("seconds of stepping", ""),
+        "solves": ("linear solves, evaluations or steps", ""), "seconds": ("seconds of stepping", ""),
         "impacts": ("impacts counted", ""), "matched_until": ("exact impacts followed to $t$", "time"),
         "energy_lost": ("share of the energy supplied", ""),
     }  # fmt: skip
@@ -312,11 +312,10 @@ def right_from(table: Table) -> dict[str, float]:
 
 
 def _curves(axis: Axes, rows: Table, x: str, y: str) -> None:
-    for label, group in rows[rows[y].notna()].groupby("integrator", sort=False):
-        if "octave" in group and y == "tip_error" and group.octave.notna().any():
-            group = group.groupby("octave").head(1)
-        style: Any = {"lw": 1.1, "ms": 4.0} | look(str(label))
-        axis.plot(group[x], group[y], label=short(str(label)), **style)
+    rows = rows[rows[y].notna()]
+    if "octave" in rows and y == "tip_error":
+        rows = rows[rows.octave.isna() | ~rows.duplicated(["integrator", "octave"])]
+    lines(axis, rows, x, y, "integrator", ms=4.0)
     if y == "impacts":
         exact = rows.exact_impacts.max()
         axis.axhline(exact, color="black", lw=1.6, label="exact")

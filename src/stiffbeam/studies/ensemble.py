@@ -17,7 +17,7 @@ from scipy.stats import ttest_ind
 
 from ..basics.arrays import Array
 from ..basics.units import with_unit
-from ..figures.chart import Axes, Figure, log_scale, look, name_lines, shared_legend, short
+from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import DASH, percent
@@ -163,13 +163,13 @@ class Ensemble(Study):
             axis.locator_params(axis="x", nbins=4)
         for i, (name, title) in enumerate((("force", "peak forces of impacts"), ("duration", "durations of contacts"))):
             axis = figure.add_subplot(grid[1, 3 * i : 3 * i + 3])
-            for k, (method, place, rows) in enumerate(groups if name in table else ()):
-                style: Any = look(method) | {"marker": "", "lw": 1.1}
-                axis.plot(rows[name], rows.level, label=short(method), **style)
-                if several and method == "exact" and rows[name].notna().any():
-                    at = rows[rows[name].notna()].iloc[1 + 3 * k]  # at the foot of its lines, one above the other
-                    axis.annotate(place.strip(), (at[name], at.level), xytext=(6, -3), textcoords="offset points",
-                                  fontsize=8)  # fmt: skip
+            drawn = table[table[name].notna()] if name in table else table[:0]
+            for k, (n, rows) in enumerate(drawn.groupby("contact_number")):
+                lines(axis, rows, name, "level", "method", marker="")
+                if several:
+                    at = rows.iloc[1 + 3 * k]  # at the foot of its lines, one contact above the other
+                    axis.annotate(f"at contact {n:g}", (at[name], at.level), xytext=(6, -3),
+                                  textcoords="offset points", fontsize=8)  # fmt: skip
             log_scale(axis, y=False)
             axis.set(title=title, xlabel=labels[name], ylabel=labels["level"] if i == 0 else "", ylim=(0.0, 1.0))
         shared_legend(figure, 5)

@@ -22,7 +22,7 @@ import pandas as pd
 from ..basics.text import several
 from ..basics.units import with_unit
 from ..basics.validation import InputError
-from ..figures.chart import Figure, panel_legend, tip_name, tip_symbol
+from ..figures.chart import Figure, panel_legend, tip_text
 from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
@@ -133,7 +133,7 @@ class Orbits(Study):
             above.plot(rows[name], rows.tip, ".", ms=5, color=COLOUR[str(kind)], label=kind)
         for what, rows in table[table.kind == "change"].groupby("what", sort=False) if "what" in table else ():
             above.plot(rows[name], rows.tip, MARKER[str(what)], color="black", ms=6, mfc="none", zorder=4, label=what)
-        tip = with_unit(case.units, f"{tip_name(case.problem)} {tip_symbol(case.problem, 'nT')}".strip(), "length")
+        tip = with_unit(case.units, tip_text(case.problem, t="nT"), "length")
         title = "orbits and the tip once a period $T$ of the drive"
         above.set(title=title, xlabel=named(case, name), ylabel=tip)
         panel_legend(above)

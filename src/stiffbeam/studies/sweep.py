@@ -22,7 +22,7 @@ import pandas as pd
 from ..basics.arrays import Array, content
 from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, number
-from ..figures.chart import Axes, Figure, dashed, log_scale, look, tip_name, tip_symbol
+from ..figures.chart import Axes, Figure, dashed, log_scale, look, tip_text
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
@@ -187,7 +187,7 @@ class Sweep(Study):
         dots: dict[str, Any] = {"color": look(str(sections.method.iloc[0]))["color"], "rasterized": True}
         alpha = float(np.clip(2e4 / len(sections), 0.15, 0.9))
         axis.plot(sections[self.parameter], sections.tip, ".", ms=3.0, mew=0.0, alpha=alpha, **dots)
-        tip = with_unit(case.units, f"{tip_name(case.problem)} {tip_symbol(case.problem, 'nT')}".strip(), "length")
+        tip = with_unit(case.units, tip_text(case.problem, t="nT"), "length")
         axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
 
     def _measure(self, axis: Axes, contacts: Table, quantity: str, scale: float) -> None:
