@@ -62,29 +62,27 @@ class Energy(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
-        small, lost, known, shares = [], {}, True, [0.0]
         last = table.groupby(["scheme", "form"], sort=False).tail(1)
         closed = [
             f"{abs(row.lost_fraction):.0e} ({row.form}, to t = {row.t:.3g})"
             for row in last[last.scheme == "exact"].itertuples()
         ]
         schemes = last[(last.scheme != "exact") & (last.form == table.form.iloc[0])]
-        for row in schemes.to_dict("records"):
-            share = row["lost_in_contact"] / row["loss"] if row["loss"] else np.nan
-            if not row["sure"]:
-                loss, off = (percent(row[x] / (row["supplied"] or np.nan)) for x in ("loss", "spread"))
-                loss = f"{loss} ± {off}"
-                known = False
-            elif np.isfinite(row["lost_fraction"]):
-                lost[row["scheme"]], loss = row["lost_fraction"], percent(row["lost_fraction"])
-            else:  # on balance nothing was put in
-                loss = f"{row['loss']:.2g}" + " in all"
-            shares += [share] if row["sure"] else []
-            part = f"{100 * share:z.0f} %" if row["sure"] else DASH
-            small.append({"scheme": row["scheme"], "energy lost": loss, "of it in contact": part})
+        resolved, small, known = schemes[schemes.sure], list[Row](), bool(schemes.sure.all())
+        lost = resolved.set_index("scheme").lost_fraction.dropna().to_dict()
+        shares = (resolved.lost_in_contact / resolved.loss.where(resolved.loss != 0.0)).set_axis(resolved.scheme)
+        for row in schemes.itertuples():
+            loss = f"{row.loss:.2g} in all"  # on balance nothing was put in
+            if not row.sure:
+                loss = " ± ".join(percent(x / (row.supplied or np.nan)) for x in (row.loss, row.spread))
+            elif row.scheme in lost:
+                loss = percent(row.lost_fraction)
+            part = f"{100 * shares[row.scheme]:z.0f} %" if row.sure else DASH
+            small.append({"scheme": row.scheme, "energy lost": loss, "of it in contact": part})
         end = f"{(schemes if len(schemes) else last).t.max():g}"
-        verdict = f"Schemes lose {base.extremes(lost, percent)} of the energy supplied to t = {end}, "
-        verdict += "the exact flow none."
+        verdict = (
+            f"Schemes lose {base.extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none."
+        )
         if not lost and not known:
             verdict = f"The steps do not resolve the work of dampers to t = {end}: losses are known to the ± only."
         notes = (
@@ -92,7 +90,7 @@ class Energy(Study):
         )
         notes += f"flow closes to {', '.join(closed) or DASH}."
         notes += "" if known else " ±: the difference of two rules for the work of dampers; smaller steps reduce it."
-        return Answer(verdict, pd.DataFrame(small), notes + (REGAINED if np.nanmax(shares) > 1.005 else ""))
+        return Answer(verdict, pd.DataFrame(small), notes + REGAINED * bool((shares > 1.005).any()))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Above: energy lost over time. Below: for each form the shares of the supplied energy lost at the end."""

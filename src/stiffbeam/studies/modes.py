@@ -96,9 +96,9 @@ class Modes(Study):
             "damping ratio": first.damping_ratio.map(damped).to_numpy(),
         })  # fmt: skip
         off = [float(np.nanmax(_distances(measured, name))) for name, *_ in QUANTITIES]
-        left = len(table) - len(measured)
-        short_lived = f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period."
-        notes = [short_lived] * (left > 0)
+        notes, left = list[str](), len(table) - len(measured)
+        if left:
+            notes.append(f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period.")
         for label, scheme in base.chosen_schemes(case, self.schemes).items():
             limit = amplification(scheme, STEPS).stable_to
             if np.isfinite(limit):

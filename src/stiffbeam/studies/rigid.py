@@ -51,14 +51,12 @@ class Rigid(Study):
         """A point for each stiffness."""
         system = case.system(self.form)
         if len(system.contacts) != 1:
-            count = f"{len(system.contacts)} contacts"
-            remedy = "keep the stops at one place"
-            raise InputError("case", count, "have stops at one place, neither none nor several", remedy)
+            rule, remedy = "have stops at one place, neither none nor several", "keep the stops at one place"
+            raise InputError("case", f"{len(system.contacts)} contacts", rule, remedy)
         system.contacts[0].stops.require_linear("a limit of rigid stops")
         if system.contacts[0].offset is not None:
-            raise InputError(
-                "stops", "moving ones", "be at rest for rigid stops", "their limit is known without motion"
-            )
+            remedy = "their limit is known without motion"
+            raise InputError("stops", "moving ones", "be at rest for rigid stops", remedy)
         if system.damped:
             viscosity = 0.0 if case.problem is None else case.problem.viscosity
             name, value = ("viscosity", viscosity) if viscosity else ("damping", "a matrix that is not 0")
