@@ -40,17 +40,22 @@ def animate(
     path, system = file_path("file", file), _system(runs)
     end = min(float(run.t[-1]) for run in runs)
     count = max(2, round(positive("seconds", seconds) * integer("frames_per_second", frames_per_second, 1)))
-    writer = _writer(path)
+    writer = {".gif": "pillow", ".mp4": "ffmpeg"}.get(path.suffix.lower())
+    if writer is None:
+        raise InputError("file", str(path), "end in .gif or .mp4", f"name it {path.stem}.gif")
+
+    from matplotlib.animation import FuncAnimation, writers
+
+    if not writers.is_available(writer):
+        remedy = f"install {writer}, or name it {path.stem}.gif"
+        raise InputError("file", str(path), "be of a kind for which a writer is installed", remedy)
     figure, draw = _stage(runs, system, np.linspace(0.0, end, count))
-
-    from matplotlib.animation import FuncAnimation
-
     with tempfile.TemporaryDirectory() as folder:  # the writers take names of files only
         whole = Path(folder) / f"film{path.suffix}"
         film = FuncAnimation(figure, draw, frames=count)
         step = partial(show, f"animating {path.name}")
         try:
-            film.save(whole, writer(fps=frames_per_second), dpi=90, progress_callback=step)
+            film.save(whole, writer, frames_per_second, dpi=90, progress_callback=step)
         except IndexError as error:  # Pillow's writer cannot end a film of no frames, and hides why there are none
             raise error.__context__ or error from None
         return write_whole(path, whole.read_bytes())
@@ -66,19 +71,6 @@ def _system(runs: Sequence[Trajectory]) -> System:
     if system is None:
         raise InputError("runs", "loaded files", "have their system", "integrate again")
     return system
-
-
-def _writer(path: Path) -> Any:
-    """The writer of matplotlib for the ending of a file."""
-    from matplotlib.animation import FFMpegWriter, PillowWriter
-
-    kind: Any = {".gif": PillowWriter, ".mp4": FFMpegWriter}.get(path.suffix.lower())
-    if kind is None:
-        raise InputError("file", str(path), "end in .gif or .mp4", f"name it {path.stem}.gif")
-    if not kind.isAvailable():
-        remedy = f"install ffmpeg, or name it {path.stem}.gif" if kind is FFMpegWriter else "pip install pillow"
-        raise InputError("file", str(path), "be of a kind for which a writer is installed", remedy)
-    return kind
 
 
 def motion_of(run: Trajectory, system: System, t: Array) -> tuple[Array, Array, Array]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import signal
 import textwrap
 import time
@@ -172,12 +171,9 @@ class Records:
     def lost(self) -> dict[str, int]:
         """Reasons of the points without a result, each with the number of its rows; those that differ in numbers alone
         are one."""
-        counts: dict[str, tuple[str, int]] = {}
-        for reason in self.table["lost"].dropna() if "lost" in self.table else ():
-            alike = re.sub(r"[\d.]+(e[+-]?\d+)?", "", reason)
-            first, count = counts.get(alike, (reason, 0))
-            counts[alike] = first, count + 1
-        return dict(counts.values())
+        reasons = self.table["lost"].dropna() if "lost" in self.table else pd.Series(dtype=str)
+        alike = reasons.str.replace(r"[\d.]+(e[+-]?\d+)?", "", regex=True)
+        return {each.iloc[0]: len(each) for _, each in reasons.groupby(alike, sort=False)}
 
     @property
     def answer(self) -> Answer:

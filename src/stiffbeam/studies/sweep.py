@@ -307,32 +307,6 @@ class Setup:
         return self.dt, self.period, *map(content, arrays)
 
 
-QUANTITIES = {
-    "frequency": "frequency", "clearance": "length", "lower": "length", "upper": "length", "position": "length",
-    "stiffness": "bending stiffness", "viscosity": "bending viscosity",
-}  # fmt: skip
-AT_STOP = {"stiffness": "stop stiffness", "damping": "stop damping", "dissipation": "stop dissipation"}
-
-
-def quantity_of(case: Case, parameter: str) -> str:
-    """Return the quantity of a parameter, whose unit the case knows; "" for one without dimension.
-
-    The amplitude is the base's, else that of the loads.
-    """
-    first, last = re.split(r"[.\[]", parameter)[0], parameter.rpartition(".")[2]
-    at_stop = first in ("contacts", "stops")
-    if at_stop and last in AT_STOP:
-        linear = all(c.stops.exponent == 1.0 for c in case.system(case.forms[0]).contacts)
-        return AT_STOP[last] if linear else ""  # a force per length to the exponent
-    if last != "amplitude":
-        return QUANTITIES.get(last, "")
-    if at_stop or (case.problem is not None and case.problem.base is not None):
-        return "length"
-    loads = () if case.problem is None else case.problem.loads
-    point = {isinstance(load, PointLoad) for load in loads if isinstance(load.time, Harmonic)}
-    return "force" if point == {True} else "force per length" if point == {False} else ""
-
-
 def values_of(parameter: str, values: Sequence[float] | None, count: int, period: float | None) -> list[float]:
     """The values of a parameter, by default ``count`` drive frequencies from 0.7 to 1.3 of the case's."""
     if values is None and parameter == "frequency" and period is not None:
@@ -377,12 +351,26 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
         return None
 
 
-NAMES = {
-    "frequency": "drive frequency $a$", "amplitude": "drive amplitude $E$", "clearance": "clearance $g$",
-    "stops.stiffness": r"stop stiffness $\kappa$", "stiffness": "bending stiffness", "viscosity": "viscosity",
+LABELS = {  # text and quantity on an axis
+    "frequency": ("drive frequency $a$", "frequency"), "amplitude": ("drive amplitude $E$", ""),
+    "clearance": ("clearance $g$", "length"), "stiffness": ("bending stiffness", "bending stiffness"),
+    "viscosity": ("viscosity", "bending viscosity"), "stops.stiffness": (r"stop stiffness $\kappa$", "stop stiffness"),
+    "stops.damping": ("stop damping", "stop damping"), "stops.dissipation": ("stop dissipation", "stop dissipation"),
 }  # fmt: skip
+LENGTHS = ("lower", "upper", "position")
 
 
-def named(case: Case, name: str) -> str:
+def named(case: Case, path: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
-    return with_unit(case.units, NAMES.get(name, name), quantity_of(case, name))
+    plain = re.sub(r"\[\d+\]", "", path).removeprefix("contacts.")  # of any contact
+    first, last = plain.partition(".")[0], plain.rpartition(".")[2]
+    text, quantity = LABELS.get(plain, ("", "frequency" if last == "frequency" else ""))
+    if last in LENGTHS or (last == "amplitude" and first in ("stops", "base")):
+        quantity = "length"
+    elif last == "amplitude" and case.problem is not None:
+        point = {isinstance(load, PointLoad) for load in case.problem.loads if isinstance(load.time, Harmonic)}
+        quantity = "force" if point == {True} else "force per length" if point == {False} else ""
+        quantity = "length" if first == "amplitude" and case.problem.base is not None else quantity
+    elif quantity.startswith("stop") and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
+        quantity = ""  # a force per length to the exponent
+    return with_unit(case.units, text if path == plain and text else path, quantity)
