@@ -43,7 +43,7 @@ from ..model.time_functions import covered
 from ..references import best_reference, substitute
 from ..schemes import RIGID, SCHEMES, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, split_runs, user_source
-from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory, Unfinished
+from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Unfinished
 
 Row = dict[str, Any]
 Table = Any  # a pandas.DataFrame, whose columns have no types of their own
@@ -372,16 +372,13 @@ def _key(study: Study, case: Case) -> list[Any]:
 
 
 def _described(value: Any, source: bool = False) -> Any:
-    """Text of an option: the label of an integrator, with its ``source`` a hash of a user's module or of arrays."""
+    """Text of an option: the label of an integrator, with its ``source`` a hash of a user's module."""
     if isinstance(value, Mapping):
         return {str(name): _described(x, source) for name, x in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_described(x, source) for x in value]
     if isinstance(value, np.generic):
         return value.item()
-    if isinstance(value, Trajectory):
-        arrays = hashlib.sha256(value.t.tobytes() + value.tip.tobytes()).hexdigest() if source else ""
-        return f"{value.label} {arrays}".strip()
     if isinstance(value, Scheme) or callable(value):
         kind = type(value) if isinstance(value, Scheme) else value
         name = f"{kind.__module__}:{getattr(kind, '__qualname__', kind)}"
@@ -389,8 +386,6 @@ def _described(value: Any, source: bool = False) -> Any:
         return f"{label} {name} {user_source(name)}" if source else label
     if isinstance(value, str) and source and ":" in value:
         return f"{value} {user_source(value)}".strip()
-    if isinstance(value, System):
-        return value.fingerprint
     return value if value is None or isinstance(value, (str, int, float)) else repr(value)
 
 

@@ -12,7 +12,6 @@ from ..figures.chart import Axes, Figure, lines, name_lines, shared_legend, shor
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent
-from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Trajectory
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -58,7 +57,13 @@ class Energy(Study):
             made = base.chosen_schemes(case, self.schemes)[scheme]
             run = integrate(system, made, case.dt, case.t_end, self.contact, every)
             keep = np.arange(len(run.energy.t))
-        return [_row(run.energy, int(k)) for k in keep]
+        ledger, names = run.energy, ("t", "kinetic", "elastic", "stops", "energy", "input", "supplied", "viscous")
+        table = pd.DataFrame({name: getattr(ledger, name)[keep] for name in (*names, "spread", "loss")})
+        table["sure"] = [bool(ledger.is_resolved(int(k))) for k in keep]
+        table["lost_fraction"] = [float(ledger.lost_fraction(int(k))) for k in keep]
+        table["lost_in_contact"] = np.where(table.sure, ledger.loss_in_contact[keep], np.nan)
+        table["lost_free"] = np.where(table.sure, ledger.loss_without_contact[keep], np.nan)
+        return table.to_dict("records")
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
@@ -115,15 +120,6 @@ class Energy(Study):
             _shares(left, table[table.form == form], names)
             left.set(title=f"{form} to t = {end}", xlabel="per cent of the energy supplied")
             left.tick_params(labelleft=not j)
-
-
-def _row(ledger: Ledger, k: int) -> Row:
-    names = ("t", "kinetic", "elastic", "stops", "energy", "input", "supplied", "viscous", "spread", "loss")
-    row: Row = {name: float(getattr(ledger, name)[k]) for name in names}
-    sure = bool(ledger.is_resolved(k))
-    parts = {"lost_in_contact": ledger.loss_in_contact[k], "lost_free": ledger.loss_without_contact[k]}
-    row |= {name: float(x) if sure else float("nan") for name, x in parts.items()}
-    return row | {"sure": sure, "lost_fraction": float(ledger.lost_fraction(k))}
 
 
 def _shares(axis: Axes, rows: Table, names: list[str]) -> None:

@@ -178,20 +178,14 @@ class Ensemble(Study):
 def _distributions(number: int, impacts: Any) -> list[Row]:
     """The distributions of durations and peak forces over all contacts of all members."""
     closed, peaks = (np.sort(x[np.isfinite(x)]) for x in (impacts.durations, impacts.peaks))
-    rows: list[Row] = [{"kind": "quantile", "level": float(q)} for q in LEVELS]
-    for name, values in (("duration", closed), ("force", peaks)):
-        for row, value in zip(rows, np.quantile(values, LEVELS) if len(values) else (), strict=False):
-            row[name] = float(value)
+    shared = {"contact_number": number}
+    levels = {name: np.quantile(x, LEVELS) for name, x in (("duration", closed), ("force", peaks)) if len(x)}
+    rows: list[Row] = pd.DataFrame(shared | {"kind": "quantile", "level": LEVELS} | levels).to_dict("records")
     if len(closed):
-        rows.append({"kind": "summary", "median": float(np.median(closed)), "half_time": half_time(closed)})
-    return [{"contact_number": number} | row for row in rows]
-
-
-def half_time(durations: Array) -> float:
-    """The duration of the contact in which half of the time in contact is reached, from the shortest on."""
-    durations = np.sort(durations)
-    spent = np.cumsum(durations)
-    return float(durations[np.searchsorted(spent, 0.5 * spent[-1])])
+        spent = np.cumsum(closed)  # from the shortest contact on
+        half_time = float(closed[np.searchsorted(spent, 0.5 * spent[-1])])
+        rows.append(shared | {"kind": "summary", "median": float(np.median(closed)), "half_time": half_time})
+    return rows
 
 
 def distribution(rows: Table, quantity: str) -> Array:
