@@ -63,7 +63,7 @@ def application(first: str = "") -> App:
         from ..studies import studies
 
         for name, kind in studies().items():
-            group.command(study_command(kind), name=name, show=name not in OWN)
+            group.command(study_command(kind), name=name)
     app.command(group)
     return app
 
