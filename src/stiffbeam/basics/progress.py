@@ -60,12 +60,12 @@ class Display:
 
     def open(self) -> None:
         """Show the bar, or a line."""
-        self.bar, passed = self.drawn(), time.perf_counter() - self.begun
+        self.bar, passed = self.drawn(), self.opens - self.begun
         self.opens = float("inf") if self.bar is not None else self.begun + 3.0 * passed
         if self.bar is None:
             what, done, total = self.now
             share = f", {100 * done // total} % done" if done and total else ""
-            print(f"stiffbeam: {passed:.0f} s so far, now {what}{share}", file=sys.stderr, flush=True)
+            print(f"stiffbeam: {passed:g} s so far, now {what}{share}", file=sys.stderr, flush=True)
 
     def drawn(self) -> Any:
         """The bar, None where it cannot be drawn."""
