@@ -9,7 +9,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -97,9 +97,8 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
             say(f"Written: {', '.join(map(str, written)) or 'nothing'}")
         return 0 if written else 1
 
-    names = ", ".join(f.name for f in fields(kind))
     run.__doc__ = kind.__doc__
-    run.__annotations__["options"] = Annotated[kind | None, Parameter(name="*", help=names)]
+    run.__annotations__["options"] = Annotated[kind | None, Parameter(name="*")]
     return run
 
 

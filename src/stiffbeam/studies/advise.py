@@ -29,7 +29,7 @@ from cyclopts import Parameter
 from ..basics.progress import current
 from ..basics.resources import clock
 from ..basics.validation import InputError, instance, one_of, positive, sequence
-from ..figures.chart import Figure, log_scale, look, panel_legend
+from ..figures.chart import Figure, log_scale, look, shared_legend
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
@@ -155,22 +155,19 @@ class Advise(Study):
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The worst error over the wanted one of every run against its cost; the run that is advised is black."""
         axis, wanted = figure.subplots(), _wanted(case.system(self.form), self.want)
-        runs, best = table[table.kind != "remark"].copy(), advised_row(table)
-        if len(runs):
-            runs["worst"] = _worst(runs, wanted)
-            for (scheme, contact), group in runs.groupby(["scheme", "contact"], sort=False):
-                style: dict[str, Any] = look(str(scheme)) | {"ms": 4, "lw": 1.0}
-                style |= {"alpha": 0.5} if contact != "implicit" else {}
-                group = group.sort_values("work")
-                axis.plot(group.work, group.worst, label=_label(group.iloc[0]), **style)
-            if best is not None:
-                worst = runs.worst[runs.kind == "advised"]
-                axis.plot(best.work, worst, "o", ms=10, mfc="none", color="black", label="advised")
+        runs = table[table.kind != "remark"].sort_values("work")
+        runs["worst"] = _worst(runs, wanted)
+        for (scheme, contact), group in runs.groupby(["scheme", "contact"], sort=False):
+            style: dict[str, Any] = look(str(scheme)) | {"ms": 4, "lw": 1.0}
+            style |= {"alpha": 0.5} if contact != "implicit" else {}
+            axis.plot(group.work, group.worst, label=_label(group.iloc[0]), **style)
+        best = runs[runs.kind == "advised"]
+        axis.plot(best.work, best.worst, "o", ms=10, mfc="none", color="black", label="advised" if len(best) else None)
         axis.axhline(1.0, color="0.4", lw=0.9, ls="--")
         axis.set(xlabel="linear solves", ylabel="worst error / admissible error")
         log_scale(axis)
         axis.set_ylim(top=min(axis.get_ylim()[1], FARTHEST))
-        panel_legend(axis)
+        shared_legend(figure)
 
 
 def advised_row(table: Table) -> Any:

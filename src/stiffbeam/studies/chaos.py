@@ -47,16 +47,13 @@ SURE = 6  # pairs, the fewest that can tell a median with 95 %: five alike have 
 class Chaos(Study):
     """How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?
 
-    Pairs of neighbouring motions start along the exact motion, ``size`` apart, and are followed for ``span``, by the
-    exact solution and by every scheme.
+    Pairs of neighbouring motions start along the exact motion, 1e-11 of it apart (1e-7 without an exact solution), and
+    are followed for ``span``, by the exact solution and by every scheme.
     """
 
     schemes: base.Labels = option(*base.SCHEME_LABELS)
     form: str | None = option(*base.FORM)
     starts: int = option(48, "pairs of neighbouring motions", least=1)
-    size: float | None = option(
-        None, "distance of a pair, relative to the motion; default: 1e-11, without an exact solution 1e-7"
-    )
     span: float | None = option(None, "time span of a pair; default: half the horizon")
 
     needs_motion: ClassVar = True
@@ -82,8 +79,7 @@ class Chaos(Study):
         if span is None:  # a horizon may be shorter than some steps, or 0
             span = max(min(exact.horizon, case.t_end) / 2.0, STEPS * dt)
         known = exact.provenance["method"] == "exact"
-        size = (CLOSE if known else CLOSE_TO_TOLERANCE) if self.size is None else positive("size", self.size)
-        shared = {"size": size, "span": dt * round(span / dt)}
+        shared = {"size": CLOSE if known else CLOSE_TO_TOLERANCE, "span": dt * round(span / dt)}
         return [shared | {"method": method} for method in ("exact", *base.chosen_schemes(case, self.schemes))]
 
     def run(self, case: Case, method: str, size: float, span: float) -> list[Row]:

@@ -306,8 +306,7 @@ def right_from(table: Table) -> dict[str, float]:
     steps: dict[str, float] = {}
     for label, rows in table[table.impacts.notna()].groupby("integrator", sort=False):
         wrong = rows[rows.impacts != rows.exact_impacts].dt.min()
-        right = rows[rows.dt < wrong] if np.isfinite(wrong) else rows
-        steps[str(label)] = float(right.dt.max()) if len(right) else np.nan
+        steps[str(label)] = float(rows[~(rows.dt >= wrong)].dt.max())
     return steps
 
 
