@@ -125,12 +125,7 @@ class Advise(Study):
         chosen = search.cheapest(self._candidates(case, system), most)
         if not search.tried:
             raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
-        if search.ended:
-            remarks.append(f"The search ended after {self.seconds:g} s at {search.ended}: more seconds may find more.")
-        elif chosen is None:
-            remarks.append(f"The search ended at {most} steps: a larger number as most_steps may find more.")
-        else:
-            remarks.append("The search ended where every other scheme costs more.")
+        remarks.append(f"The search ended {search.ended}.")
         if chosen is not None:
             chosen["kind"] = "advised"
         rows = [*search.tried, *({"kind": "remark", "reason": text} for text in remarks if text)]
@@ -226,7 +221,7 @@ class Search:
     until: float
     want: Mapping[str, float]
     tried: list[Row] = field(default_factory=list)
-    ended: str = ""  # number of steps at which the time was over
+    ended: str = ""  # where, and what would find more
 
     def probe(self, scheme: Scheme, contact: str, steps: int) -> Row | None:
         """The run with this number of steps; None if the scheme refuses the system."""
@@ -262,7 +257,7 @@ class Search:
                 # A run takes twice as long as the one of half the steps.
                 last = 0.0 if before is None else 2.0 * before["seconds"]
                 if clock() + last > self.until and self.tried:
-                    self.ended = f"{steps} steps"
+                    self.ended = f"after its seconds, at {steps} steps: more seconds may find more"
                     continue
                 good = before if before is not None and self.meets(before) else None
                 # What costs more than the best run that meets the requirements cannot be chosen.
@@ -277,6 +272,8 @@ class Search:
                     continue
                 refined.append((scheme, contact, run))
             alive, steps = refined, 2 * steps
+        at_most = f"at most_steps = {most}: a larger number may find more"
+        self.ended = self.ended or (at_most if alive else "where every other scheme costs more")
         return best
 
     def _coarsest(self, most: int) -> int:
