@@ -22,6 +22,7 @@ from .references import solve
 from .references.registry import ADAPTIVE, REFERENCES, RTOL
 from .schemes import Scheme
 from .schemes.labels import parse_run, scheme_of, user_object
+from .schemes.scheme import require_scheme
 from .trajectory.trajectory import Diverged, SolverFailure, Trajectory, Work
 
 SCHEME, SOLVER, FUNCTION, RECORDED = "scheme", "solver", "function", "recorded"
@@ -139,6 +140,8 @@ def integrator(given: Any) -> Integrator:
         return Integrator(f"{names[0]} (recorded)" if taken else names[0], RECORDED, tuple(given))
     if callable(given) and not isinstance(given, type):
         return Integrator(_function_label(given), FUNCTION, given)
+    if isinstance(given, type) and issubclass(given, Scheme):
+        require_scheme(given)
     remedy = "give a Scheme, the name of one or of a reference solver, a function solve(system, dt, t_end), or runs"
     raise InputError("integrator", given, "be something that can be run", remedy)
 

@@ -72,6 +72,14 @@ def test_drives_of_one_frequency_go_together_with_their_phases():
         sb.varied_members(moving, {"amplitude": [2.0]})
 
 
+def test_a_clearance_is_the_distance_of_both_stops_from_zero():
+    moved = sb.varied_members(sb.paper_case(10).system(), {"clearance": [0.07]})[0]
+    assert (moved.contacts[0].stops.lower, moved.contacts[0].stops.upper) == (-0.07, 0.07)
+    assert moved.problem.stops == moved.contacts[0].stops
+    with pytest.raises(sb.InputError, match="case with stops"):
+        sb.varied_members(sb.System.from_matrices([[1.0]], [[1.0]], observe=[1.0]), {"clearance": [0.07]})
+
+
 def test_stops_bolted_to_the_base_go_with_the_drive():
     """A member is the beam that is built with the other drive; not one that starts with the speed of its base."""
 

@@ -21,7 +21,7 @@ STUDIES = {
               ["(rad/s)", "(N)", "(m)"]),
     "energy": ({"schemes": LABELS[:1]}, ["to t = 0.1"], ["(s)", "(J)"]),
     "chaos": ({"schemes": LABELS[:1], "starts": 8}, ["(1/s)", "digits per s"], ["(1/s)"]),
-    "ensemble": ({"schemes": LABELS[:1], "members": 3}, ["per s", "(N)", "(J)"],
+    "ensemble": ({"schemes": LABELS[:1], "members": 3}, ["duration (s)", "(N)", "(J)"],
                  ["(N)", "(J)"]),
     "rigid": ({"factors": [16.0, 256.0, 4096.0], "impacts": 2}, ["(N/m)"], ["(N/m)", "time (s)", "force (N)", "(m)"]),
     "converge": ({"integrators": LABELS[:1], "halvings": 3, "impacts": 1, "kinds": ["smooth"]}, [], ["(s)"]),

@@ -15,7 +15,7 @@ from systems import bouncing_chain, one_mass
 
 import stiffbeam as sb
 from stiffbeam.studies import STUDIES, Answer, Study, chaos, option, studies
-from stiffbeam.studies.base import NOTHING
+from stiffbeam.studies.base import NOTHING, _in_parts
 from stiffbeam.studies.converge import orders
 
 SPRING = one_mass(100.0, sb.Stops(upper=0.05, stiffness=1e4), load=sb.Harmonic(8.0, 5.0))
@@ -100,6 +100,28 @@ def test_records_are_saved_and_are_json(tmp_path):
     assert picture.stat().st_size > 10_000
     found = json.loads(json.dumps(records.to_dict(), allow_nan=False))
     assert (found["study"], found["answer"], len(found["rows"])) == ("doubled", "The largest is 4.", 3)
+
+
+def test_a_table_wider_than_the_terminal_stands_in_parts_that_begin_with_its_first_column():
+    text = _in_parts(pd.DataFrame({"name": ["x"], "one": [1.0], "two": [2.0]}), 9)
+    lines = [line.split() for line in text.splitlines()]
+    assert lines == [["name", "one"], ["x", "1.0"], [], ["name", "two"], ["x", "2.0"]]
+
+
+def test_no_run_begins_past_the_budget_and_work_in_steps_is_not_compared(tmp_path):
+    def solve(system, dt, t_end):
+        t = dt * np.arange(round(t_end / dt) + 1)
+        return t, system.q0[0] * np.cos(10.0 * t) + 0.1 * system.v0[0] * np.sin(10.0 * t)
+
+    options = SPAN | {"integrators": ["BDF2", solve], "halvings": 2, "kinds": ["smooth"], "folder": tmp_path}
+    records = sb.study("converge", one_mass(100.0, v=1.0), budget=1e-9, **options)
+    assert records.answer.verdict == NOTHING
+    assert "not begun within the budget" in next(iter(records.lost))
+    found = sb.study("converge", one_mass(100.0, v=1.0), **options)
+    assert found.found.groupby("integrator").unit.first().to_list() == ["solves", "steps"]
+    assert "(BDF2)" in found.answer.verdict.partition("Least work")[2]
+    assert "no work.counters" in found.answer.notes
+    assert len(list(tmp_path.glob("*.json"))) == 4
 
 
 SCRIPT = """

@@ -38,16 +38,21 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 class Display:
-    """Progress of one call: a bar on a terminal, at once where it was ``asked`` for, else one line after WAIT
-    seconds."""
+    """Progress of one call: a bar on a terminal, at once where it was ``asked`` for; else a line after WAIT seconds
+    and after each threefold of them."""
 
     def __init__(self, what: str, asked: bool) -> None:
         self.now = (what, 0, 0)
         self.bar = self.drawn() if asked else None
-        self.timer = threading.Timer(WAIT, self.open)
-        self.timer.daemon = True
+        self.timer = self.waiting(WAIT, WAIT)
         if self.bar is None:
             self.timer.start()
+
+    def waiting(self, seconds: float, passed: float) -> threading.Timer:
+        """Timer that opens the display in so many seconds, when ``passed`` will have passed in all."""
+        timer = threading.Timer(seconds, self.open, (passed,))
+        timer.daemon = True
+        return timer
 
     def show(self, what: str, done: int, total: int) -> None:
         """State that ``done`` of ``total`` parts are done, total 0 where it is not known."""
@@ -58,12 +63,17 @@ class Display:
             change = self.bar.reset if total != of or done < before else self.bar.update
             change(self.bar.task_ids[0], description=what, completed=done, total=total or None)
 
-    def open(self) -> None:
-        """Show the bar, or the line."""
+    def open(self, passed: float) -> None:
+        """Show the bar, or a line."""
         self.bar = self.drawn()
-        if self.bar is None:
-            print(f"stiffbeam: {WAIT:g} s so far, now {self.now[0]}", file=sys.stderr, flush=True)
-        elif self.timer.finished.is_set():  # the call has ended meanwhile
+        ended = self.timer.finished.is_set()  # the call has ended meanwhile
+        if self.bar is None and not ended:
+            what, done, total = self.now
+            share = f", {100 * done // total} % done" if done and total else ""
+            print(f"stiffbeam: {passed:g} s so far, now {what}{share}", file=sys.stderr, flush=True)
+            self.timer = self.waiting(2.0 * passed, 3.0 * passed)
+            self.timer.start()
+        elif self.bar is not None and ended:
             self.bar.stop()
 
     def drawn(self) -> Any:

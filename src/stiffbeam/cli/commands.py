@@ -9,7 +9,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -63,8 +63,7 @@ def application(first: str = "") -> App:
         from ..studies import studies
 
         for name, kind in studies().items():
-            if name not in OWN:
-                group.command(study_command(kind), name=name)
+            group.command(study_command(kind), name=name)
     app.command(group)
     return app
 
@@ -83,7 +82,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
         from ..studies.base import perform
 
         check_json(json)
-        chosen, options = asked_case(case, dt, t_end), kind() if options is None else options
+        chosen, options = asked_case(case, dt, t_end), options or kind()
         folder = make_folder(out if out is not None else default_folder(chosen.name))
         if jobs is None:
             jobs = 1 if kind.all_cores else cores()
@@ -98,9 +97,8 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
             say(f"Written: {', '.join(map(str, written)) or 'nothing'}")
         return 0 if written else 1
 
-    names = ", ".join(f.name for f in fields(kind))
     run.__doc__ = kind.__doc__
-    run.__annotations__["options"] = Annotated[kind | None, Parameter(name="*", help=names)]
+    run.__annotations__["options"] = Annotated[kind | None, Parameter(name="*")]
     return run
 
 
@@ -111,8 +109,7 @@ CaseName = Annotated[str, Parameter(help="table1 .. table17, a case file, or fil
 Step = Annotated[float | None, Parameter(help="Time step in place of the case's.")]
 EndTime = Annotated[float | None, Parameter(help="End time in place of the case's.")]
 Out = Annotated[
-    Path | None,
-    Parameter(help="Folder for table, text, picture and finished points; by default stiffbeam-output/CASE."),
+    Path | None, Parameter(help="Folder of what is written and of finished points; by default stiffbeam-output/CASE.")
 ]
 Jobs = Annotated[int | None, Parameter(help="Processes; by default one per core.")]
 Form = Annotated[str | None, Parameter(help="displacement, velocity-curvature or hermite.")]
@@ -202,16 +199,11 @@ class Options:
 
 def compare(
     case: CaseName, *, options: Annotated[Options | None, Parameter(name="*")] = None, dt: Step = None,
-    t_end: EndTime = None, out: Path | None = None, json: Json = None,
+    t_end: EndTime = None, out: Out = None, json: Json = None,
 ) -> int:  # fmt: skip
     """Run schemes beside SUNDIALS and the exact solution: table, picture, trajectories.
 
     Example: stiffbeam compare table10 --schemes 'BDF2,HHT(alpha=-0.2)' --json records.json
-
-    Parameters
-    ----------
-    out
-        Folder for picture, trajectories and table; by default stiffbeam-output/CASE.
     """
     from ..schemes.labels import split_runs
     from ..studies.comparison import CaseComparison
@@ -253,10 +245,17 @@ def _follow(
     result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
     case: str, folder: Path, written: list[Path],
 ) -> None:  # fmt: skip
-    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference."""
+    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference, or the
+    last one where solvers are named among the schemes, so that they have their rows."""
     from ..measures.report import largest, short, verdict
 
-    told = 0  # failures
+    def tables() -> None:
+        tell(f"\n{result.report()}")
+        if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
+            command = f"stiffbeam ensemble {shlex.quote(case)}"
+            tell(f"\nStatistics past the horizon, over many runs: {command}")
+
+    told, solvers = 0, set(schemes or ()) & set(REFERENCES)  # failures that are printed
     for solution in result.run(schemes, names):
         if not written:
             make_folder(folder)
@@ -268,12 +267,12 @@ def _follow(
             said = verdict([c]) if c.label == solution.label else said
         work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
         tell(f"{short(solution.provenance['method'])}: {said} ({work})")
-        if len(result.references) == 1 and solution is result.references[0]:
+        if len(result.references) == 1 and solution is result.references[0] and not solvers:
             told = len(result.failures)
-            tell(f"\n{result.report()}")
-            if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
-                command = f"stiffbeam ensemble {shlex.quote(case)}"
-                tell(f"\nStatistics past the horizon, over many runs: {command}")
+            tables()
+    if solvers and result.references:
+        told = len(result.failures)
+        tables()
     for kind, label, message in result.failures[told:]:
         tell(f"{kind}  {short(label)}  {message}")
 

@@ -19,7 +19,7 @@ from ..measures.comparison import contact_name
 from ..model.system import System
 from ..model.time_functions import offset_values
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import new_figure, short, tip_name, tip_symbol
+from .chart import new_figure, short, tip_text
 from .runs import line_of
 
 POINTS = 80  # along a beam
@@ -40,17 +40,22 @@ def animate(
     path, system = file_path("file", file), _system(runs)
     end = min(float(run.t[-1]) for run in runs)
     count = max(2, round(positive("seconds", seconds) * integer("frames_per_second", frames_per_second, 1)))
-    writer = _writer(path)
+    writer = {".gif": "pillow", ".mp4": "ffmpeg"}.get(path.suffix.lower())
+    if writer is None:
+        raise InputError("file", str(path), "end in .gif or .mp4", f"name it {path.stem}.gif")
+
+    from matplotlib.animation import FuncAnimation, writers
+
+    if not writers.is_available(writer):
+        remedy = f"install {writer}, or name it {path.stem}.gif"
+        raise InputError("file", str(path), "be of a kind for which a writer is installed", remedy)
     figure, draw = _stage(runs, system, np.linspace(0.0, end, count))
-
-    from matplotlib.animation import FuncAnimation
-
     with tempfile.TemporaryDirectory() as folder:  # the writers take names of files only
         whole = Path(folder) / f"film{path.suffix}"
         film = FuncAnimation(figure, draw, frames=count)
         step = partial(show, f"animating {path.name}")
         try:
-            film.save(whole, writer(fps=frames_per_second), dpi=90, progress_callback=step)
+            film.save(whole, writer, frames_per_second, dpi=90, progress_callback=step)
         except IndexError as error:  # Pillow's writer cannot end a film of no frames, and hides why there are none
             raise error.__context__ or error from None
         return write_whole(path, whole.read_bytes())
@@ -66,19 +71,6 @@ def _system(runs: Sequence[Trajectory]) -> System:
     if system is None:
         raise InputError("runs", "loaded files", "have their system", "integrate again")
     return system
-
-
-def _writer(path: Path) -> Any:
-    """The writer of matplotlib for the ending of a file."""
-    from matplotlib.animation import FFMpegWriter, PillowWriter
-
-    kind: Any = {".gif": PillowWriter, ".mp4": FFMpegWriter}.get(path.suffix.lower())
-    if kind is None:
-        raise InputError("file", str(path), "end in .gif or .mp4", f"name it {path.stem}.gif")
-    if not kind.isAvailable():
-        remedy = f"install ffmpeg, or name it {path.stem}.gif" if kind is FFMpegWriter else "pip install pillow"
-        raise InputError("file", str(path), "be of a kind for which a writer is installed", remedy)
-    return kind
 
 
 def motion_of(run: Trajectory, system: System, t: Array) -> tuple[Array, Array, Array]:
@@ -121,7 +113,7 @@ def _stage(runs: Sequence[Trajectory], system: System, t: Array) -> tuple[Any, A
         above.set_xlabel(with_unit(units, "place along the beam $x$", "length"))
         above.set_ylabel(with_unit(units, "$u(x, t)$", "length"))
     high = 1.1 * max(float(np.max(np.abs(tip))) for *_, tip in moves) or 1.0
-    tip_label = with_unit(units, f"{tip_name(beam)} {tip_symbol(beam)}".strip(), "length")
+    tip_label = with_unit(units, tip_text(beam), "length")
     below.set(xlim=(0.0, t[-1]), ylim=(-high, high), xlabel=with_unit(units, "time $t$", "time"), ylabel=tip_label)
     above.legend(loc="upper left", frameon=False, ncols=len(runs))
     clock = above.text(0.99, 0.97, "", transform=above.transAxes, ha="right", va="top")

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     from ..files.cases import Case
     from ..model.problem import BeamProblem
+else:
+    Axes = Figure = Any  # names for annotations, also of the modules that import them from here
 
 
 # Okabe and Ito's palette, distinguishable with any colour vision, and two more; black is the exact motion.
@@ -62,7 +64,7 @@ def look(label: str) -> dict[str, Any]:
         return {"color": "black", "linestyle": "-", "marker": "*"}
     if label in REFERENCES:
         k = REFERENCES[label].look
-        return {"color": SOLVERS[k % len(SOLVERS)], "linestyle": dashed(k), "marker": MARKERS[k % len(MARKERS)]}
+        return _style(SOLVERS[k % len(SOLVERS)], k, k)
     # A user's class is named after its module.
     name, other = re.split(r"[(.@]", label)[0], 0
     known = name in LOOKS
@@ -70,11 +72,11 @@ def look(label: str) -> dict[str, Any]:
     if known and short(label) != short(name):
         pairs = len(DASHES) * len(MARKERS)  # coprime, so that every shift is another pair
         other = 1 + crc32(short(label).encode()) % (pairs - 1)
-    return {
-        "color": (*COLOURS, *OWN)[colour],
-        "linestyle": dashed(dashes + other),
-        "marker": MARKERS[(marker + other) % len(MARKERS)],
-    }
+    return _style((*COLOURS, *OWN)[colour], dashes + other, marker + other)
+
+
+def _style(colour: str, dashes: int, marker: int) -> dict[str, Any]:
+    return {"color": colour, "linestyle": dashed(dashes), "marker": MARKERS[marker % len(MARKERS)]}
 
 
 def look_of_name(name: str) -> tuple[int, int, int]:
@@ -220,6 +222,11 @@ def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
     return f"$u({end}, {t})$" if tip_name(problem) == "tip" else f"$u({end}/2, {t})$"
 
 
+def tip_text(problem: BeamProblem | None, quantity: str = "", t: str = "t") -> str:
+    """Name, quantity and symbol of the observed displacement."""
+    return " ".join(filter(None, [tip_name(problem), quantity, tip_symbol(problem, t)]))
+
+
 def tip_name(problem: BeamProblem | None) -> str:
     """Name of the observed point: the tip, or the middle of a beam whose end is held; matrices have none."""
     return "" if problem is None else "tip" if problem.ends[1] == "free" else "mid-span"
@@ -251,7 +258,7 @@ def name_lines(axis: Axes, labels: Sequence[str]) -> None:
 def style_of(i: int, j: int = 0) -> dict[str, Any]:
     """Line style of a curve that belongs to no method: the first number gives the colour, the second the dashes, both
     the marker."""
-    return {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[(i + 3 * j) % len(MARKERS)], "linestyle": dashed(j)}
+    return _style(COLOURS[i % len(COLOURS)], j, i + 3 * j)
 
 
 def finish(figure: Figure, title: str) -> None:

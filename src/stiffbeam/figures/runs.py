@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +18,7 @@ from ..model.contact import Stops
 from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import COLOURS, look, new_figure, shared_legend, short, tip_name, tip_symbol
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .chart import COLOURS, Axes, Figure, look, new_figure, shared_legend, short, tip_symbol, tip_text
 
 TICKS = 6  # of an axis of times: more would run into each other
 
@@ -37,9 +33,8 @@ def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
     """
     pairs = [c.pair for c in results if c.pair is not None]
     if len(pairs) < len(results):
-        raise InputError(
-            "figure", "a comparison without its runs", "be asked of what compare returned", "compare again"
-        )
+        rule = "be asked of what compare returned"
+        raise InputError("figure", "a comparison without its runs", rule, "compare again")
     runs, main = [run for run, _ in pairs], pairs[0][1]
     names = ", ".join(short(run.provenance["method"]) for run in runs)
     title = title or f"{names} against {short(main.provenance['method'])}: {verdict(results)}"
@@ -59,11 +54,13 @@ def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
         axis.locator_params(axis="x", nbins=TICKS)
         return axis
 
-    _draw_motion(panel(f"displacement to the horizon t = {window:.3g}"), main, runs, window)
+    _draw_positions(panel(f"displacement to the horizon t = {window:.3g}"), main, runs, 0.0, window)
     horizons = "; lines: horizons" * any(isinstance(x, Reference) and x.horizon < window for x in runs)
     _draw_errors(panel(f"error{horizons}"), main, runs, results, window)
     for i in contacts:
-        _draw_first_impacts(panel(f"first impact at {contact_name(system, i)}"), main, runs, window, i)
+        axis, (start, end) = panel(f"first impact at {contact_name(system, i)}"), first_contact(main, system, window, i)
+        _draw_positions(axis, main, runs, start, end, i)
+        zoom_on_stop(axis, main, start, end, i)
     if contacts:
         hardest = max(contacts, key=lambda i: np.nan_to_num(main.contacts[i].peak_force))
         _draw_forces(panel(f"force of {contact_name(system, hardest)} to the horizon"), main, runs, window, hardest)
@@ -71,16 +68,19 @@ def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
     return figure
 
 
-def _draw_motion(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float) -> None:
-    """The observed displacement between its stops."""
+def _draw_positions(
+    axis: Axes, main: Reference, runs: Sequence[Trajectory], start: float, end: float, contact: int | None = None
+) -> None:
+    """The observed displacement, or the position at a contact, between its stops."""
     system = main.system
     assert system is not None
-    for run, t, (u, _) in _curves(main, runs, window):
+    for run, t, (u, _) in _curves(main, runs, end, contact, start):
         axis.plot(t, u, **_style(run, main))
-    for i, contact in enumerate(system.contacts):
-        if system.reads_tip(i):
-            draw_stops(axis, contact.stops, horizontal=True)
-    axis.set(ylabel=tip_label(system), xlim=(0.0, window))
+    for i, each in enumerate(system.contacts):
+        if i == contact or (contact is None and system.reads_tip(i)):
+            draw_stops(axis, each.stops, horizontal=True)
+    label = tip_label(system) if contact is None else position_label(system, contact)
+    axis.set(xlim=(start, end), ylabel=label)
 
 
 def _draw_forces(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int) -> None:
@@ -106,7 +106,7 @@ def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
 def tip_label(system: System | None, units: Units | None = None) -> str:
     """Label of the displacement of the tip, with its unit: of the system, if not passed."""
     beam, units = system and system.problem, units or (system and system.units) or ()
-    return with_unit(units, f"{tip_name(beam)} displacement {tip_symbol(beam)}".strip(), "length")
+    return with_unit(units, tip_text(beam, "displacement"), "length")
 
 
 def position_label(system: System, contact: int) -> str:
@@ -126,15 +126,11 @@ def _curves(
     if main.solution is not None:
         fine = np.linspace(start, end, 6000)
         yield main, fine, main.at(fine, contact)
-        shown = runs
-    else:
-        shown = [main, *runs]
-    for run in shown:
+    for run in runs if main.solution is not None else (main, *runs):
         here = (run.t >= start) & (run.t <= end)
-        if contact is None:
-            yield run, run.t[here], (run.tip[here], run.tip_velocity[here])
-        else:
-            yield run, run.t[here], (run.contacts[contact].position[here], run.contacts[contact].velocity[here])
+        record = None if contact is None else run.contacts[contact]
+        motion = (run.tip, run.tip_velocity) if record is None else (record.position, record.velocity)
+        yield run, run.t[here], (motion[0][here], motion[1][here])
 
 
 def _style(run: Trajectory, main: Reference, **other: Any) -> dict[str, Any]:
@@ -152,9 +148,13 @@ def _draw_errors(
     """The largest error so far of every run, on a logarithmic axis."""
     by_label = {c.label: c for c in comparisons}
     for run in (run for run in runs if run.label in by_label):
-        t, error, parted = _largest_so_far(by_label[run.label])
-        axis.plot(t, error, **_style(run, main))
-        axis.plot(*parted, "o", ms=5.0, mfc="white", color=line_of(run)["color"], zorder=30)
+        comparison = by_label[run.label]
+        t, error = comparison.times, np.maximum.accumulate(np.abs(comparison.error))
+        seen, until = error > 0.0, comparison.matched_until
+        axis.plot(t[seen], error[seen], **_style(run, main))
+        if until < comparison.window and np.any(seen):  # the impacts cease to match
+            value = error[max(0, np.searchsorted(t, until, side="right") - 1)]
+            axis.plot(until, value, "o", ms=5.0, mfc="white", color=line_of(run)["color"], zorder=30)
         if isinstance(run, Reference) and run.horizon < window:
             axis.axvline(run.horizon, lw=0.6, zorder=0, **line_of(run))
     axis.set(yscale="log", xlim=(0.0, window))
@@ -164,27 +164,6 @@ def _draw_errors(
     if any(x.matched_until < x.window for x in by_label.values()):
         (dot,) = axis.plot([], [], "o", ms=5.0, mfc="white", color="black")
         axis.legend([dot], ["impacts differ"], frameon=False, fontsize=8.5, loc="lower right")
-
-
-def _largest_so_far(comparison: Comparison) -> tuple[Array, Array, tuple[list[float], list[float]]]:
-    """Times and the largest error so far, where it is not 0, and the point at which the impacts cease to match."""
-    t, error = comparison.times, np.maximum.accumulate(np.abs(comparison.error))
-    seen, until = error > 0.0, comparison.matched_until
-    if not until < comparison.window or not np.any(seen):
-        return t[seen], error[seen], ([], [])
-    return t[seen], error[seen], ([until], [error[max(0, np.searchsorted(t, until, side="right") - 1)]])
-
-
-def _draw_first_impacts(axis: Axes, main: Reference, runs: Sequence[Trajectory], window: float, contact: int) -> None:
-    """The first impacts at a contact."""
-    system = main.system
-    assert system is not None
-    start, end = first_contact(main, system, window, contact)
-    for run, t, (u, _) in _curves(main, runs, end, contact, start):
-        axis.plot(t, u, **_style(run, main))
-    axis.set(xlim=(start, end), ylabel=position_label(system, contact))
-    draw_stops(axis, system.contacts[contact].stops, horizontal=True)
-    zoom_on_stop(axis, main, start, end, contact)
 
 
 def line_of(run: Trajectory) -> dict[str, Any]:
@@ -257,7 +236,7 @@ def run_figure(run: Trajectory) -> Figure:
     tip.plot(run.t, run.tip, color=colour, lw=0.9)
     tip.set_ylabel(tip_label(run.system, units))
     portrait.plot(run.tip, run.tip_velocity, color=colour, lw=0.9)
-    velocity = f"{tip_name(beam)} velocity {tip_symbol(beam).replace('u(', 'u_t(')}".strip()
+    velocity = tip_text(beam, "velocity").replace("u(", "u_t(")
     portrait.set(xlabel=tip_label(run.system, units), ylabel=with_unit(units, velocity, "velocity"))
     for record in run.contacts:
         if np.array_equal(record.position, run.tip):

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .chart import COLOURS, log_scale, look, mark_order, new_figure, say_empty, shared_legend, short
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .chart import COLOURS, Axes, Figure, log_scale, look, mark_order, new_figure, say_empty, shared_legend, short
 
 
 def motion(axis: Axes, problem: Any) -> None:

@@ -114,7 +114,8 @@ def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:
         own = np.diagonal(x, axis1=-2, axis2=-1)
         # A negative entry within the rounding of the largest one counts as zero.
         if np.any(own < -1e-12 * np.max(np.abs(own), initial=0.0)):
-            rule = f"move the {name} of a node along with the force there, for stops whose force depends on velocity"
+            rule = f"be one whose step changes the {name} of a node in the direction of the force on it, for stops "
+            rule += "whose force depends on velocity"
             raise InputError("scheme", str(scheme), rule, "use another scheme, or stops without damping")
 
 
@@ -125,5 +126,5 @@ def require_moved(scheme: Scheme, S: Array) -> None:
     evaluates F from a state, and rounding decides the result. S: (..., m, m).
     """
     if not np.all(np.diagonal(S, axis1=-2, axis2=-1) > 0.0):
-        rule = "move every node by the force there, for stops with damping, whose force jumps"
+        rule = "be one whose step lets a force on a node move that node within the step, for stops with damping"
         raise InputError("scheme", str(scheme), rule, "use another scheme, or stops with dissipation= in place of it")

@@ -246,21 +246,24 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     "initial_velocity[2]").
     "contacts[i].stops" and "stops[i]" are the same, and "stops" without an index means all contacts.
     "loads[0].time.scale" and "base.scale" are factors on a time function, with nominal value 1: the level of a record.
-    So are "mass.scale", "damping.scale" and "stiffness.scale" of matrices. Two names are short: "frequency" is that of
-    every Harmonic with the drive's frequency, in loads, base, stop motions and sums; "amplitude" is that of the drive.
+    So are "mass.scale", "damping.scale" and "stiffness.scale" of matrices. Three names are short: "frequency" is that
+    of every Harmonic with the drive's frequency, in loads, base, stop motions and sums; "amplitude" is that of the
+    drive; "clearance" is the distance of every stop from zero.
     The drive is the base motion, else the loads, else the motion of the stops. Raises InputError, also for another
     drive of a beam that starts with the speed of its base.
     """
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
         raise InputError(", ".join(values), "a beam with other initial data", "be varied with its problem", remedy)
+    places_of_stops = _at_clearance(system, values[CLEARANCE]) if CLEARANCE in values else {}
+    values = {path: x for path, x in values.items() if path != CLEARANCE} | places_of_stops
     for path, value in values.items():
         number(path, value)
         value = positive(path, value) if path == "frequency" else value
         try:
             system = _placed(system, _keys_of(system, path), value)
         except LookupError as error:
-            known = list(dict.fromkeys([*DRIVE, *paths_of(system)]))
+            known = list(dict.fromkeys([*DRIVE, CLEARANCE, *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
     # A later path may have changed the number of an earlier one.
     for path, value in values.items() if len(values) > 1 else ():
@@ -270,7 +273,18 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     return system
 
 
-DRIVE = ("frequency", "amplitude")
+def _at_clearance(system: System, value: float) -> dict[str, float]:
+    """Values by path that put every stop of a system at this distance from zero."""
+    positive(CLEARANCE, value)
+    if not system.contacts:
+        remedy = "vary another parameter, or give the case stops"
+        raise InputError("parameter", CLEARANCE, "be asked of a case with stops", remedy)
+    sides = [(i, side) for i in range(len(system.contacts)) for side in ("lower", "upper")]
+    there = [(i, side) for i, side in sides if getattr(system.contacts[i].stops, side) is not None]
+    return {f"stops[{i}].{side}": value if side == "upper" else -value for i, side in there}
+
+
+DRIVE, CLEARANCE = ("frequency", "amplitude"), "clearance"
 AS_GIVEN = {"initial_displacement": "q0", "initial_velocity": "v0"}  # the names that ``System.from_matrices`` uses
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 

@@ -168,7 +168,12 @@ class RigidScheme(Scheme):
 def require_scheme(scheme: Any) -> Scheme:
     """``scheme`` where it is a Scheme object."""
     if not isinstance(scheme, Scheme):
-        raise InputError("scheme", scheme, "be a Scheme object", "for example stiffbeam.HHT(alpha=-0.1)")
+        remedy = "for example stiffbeam.HHT(alpha=-0.1)"
+        if isinstance(scheme, type) and issubclass(scheme, Scheme):
+            remedy = f"make an object of the class: {scheme.__name__}()"
+        elif callable(scheme):
+            remedy = "compare, score and stiffbeam.testing.check_solver take functions"
+        raise InputError("scheme", scheme, "be a Scheme object", remedy)
     return scheme
 
 

@@ -87,8 +87,7 @@ def study(
     if not isinstance(case, Case):
         remedy = "for example 'table10'"
         raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System", remedy)
-    if dt is not None or t_end is not None:
-        case = replace(case, dt=case.dt if dt is None else dt, t_end=case.t_end if t_end is None else t_end)
+    case = replace(case, **{name: x for name, x in (("dt", dt), ("t_end", t_end)) if x is not None})
     return perform(kind(**options), case, jobs, folder, progress)
 
 

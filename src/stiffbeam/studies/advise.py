@@ -5,11 +5,11 @@
     error(peak_force)  |F - F_exact|/F_exact, F the largest contact force to t_end
     error(impulse)     likewise, of the integral of |sigma|
 
-With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step counts if
+With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step is sure if
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
-steadily, and a count or a peak may be right by chance. The result is the cheapest run in linear solves (steps times
-stages), which are the cost of a step in any program. All schemes are refined together: a scheme is not run finely if a
-coarse run of another is enough. If no run is advised, the one with the smallest worst error over the wanted one is
+steadily, and a count or a peak may be right by chance. The result is the cheapest sure run in linear solves (steps
+times stages), which are the cost of a step in any program. All schemes are refined together: a scheme is not run finely
+if a coarse run of another is enough. If no run is sure, the one with the smallest worst error over the wanted one is
 named.
 
 Past the horizon of the exact motion a single motion has no meaning: the advice is for the time to the horizon. The
@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -29,7 +29,7 @@ from cyclopts import Parameter
 from ..basics.progress import current
 from ..basics.resources import clock
 from ..basics.validation import InputError, instance, one_of, positive, sequence
-from ..figures.chart import log_scale, look, panel_legend
+from ..figures.chart import Figure, log_scale, look, shared_legend
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..march.treatment import TREATMENTS
@@ -45,9 +45,6 @@ from ..schemes.labels import label_of_run
 from ..trajectory.trajectory import Diverged, Reference, Trajectory
 from . import base
 from .base import Answer, Records, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 BETWEEN = 5  # steps that are tried between a step and its half
 FARTHEST = 1e4  # errors over the wanted ones that are shown: those of runs that blow up would hide the others
@@ -70,8 +67,8 @@ def _want(kind: Any, tokens: Sequence[Any]) -> dict[str, float]:
 class Advise(Study):
     """Which scheme, contact treatment and time step are the cheapest for given errors?
 
-    The search ends after ``seconds`` of CPU with what is known by then. In Python ``advise.advised(records)`` is the
-    run that is advised.
+    Errors are those against the exact solution. The search ends after ``seconds`` of CPU with what is known by then. In
+    Python ``advise.advised(records)`` is the run that is advised.
 
     Example: stiffbeam advise table10 --want tip=1e-3,impacts=0.05
     """
@@ -128,8 +125,7 @@ class Advise(Study):
         chosen = search.cheapest(self._candidates(case, system), most)
         if not search.tried:
             raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
-        if search.ended:
-            remarks.append(f"The search ended after {self.seconds:g} s at {search.ended}: more seconds may find more.")
+        remarks.append(f"The search ended {search.ended}.")
         if chosen is not None:
             chosen["kind"] = "advised"
         rows = [*search.tried, *({"kind": "remark", "reason": text} for text in remarks if text)]
@@ -147,27 +143,26 @@ class Advise(Study):
             notes.append("Ask for larger errors, or for a shorter t_end, before the motions part.")
         errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in wanted)
         verdict += f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {run.t_end:g}, {run.work:g} "
-        return Answer(f"{verdict}linear solves, relative errors {errors}.", notes=" ".join(notes))
+        notes.insert(0, f"A run is sure if dt/2 and {BETWEEN} steps between dt and dt/2 meet the errors too.")
+        errors = f"relative errors against the exact solution {errors}"
+        return Answer(f"{verdict}linear solves, {errors}.", notes=" ".join(notes))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The worst error over the wanted one of every run against its cost; the run that is advised is black."""
         axis, wanted = figure.subplots(), _wanted(case.system(self.form), self.want)
-        runs, best = table[table.kind != "remark"].copy(), advised_row(table)
-        if len(runs):
-            runs["worst"] = _worst(runs, wanted)
-            for (scheme, contact), group in runs.groupby(["scheme", "contact"], sort=False):
-                style: dict[str, Any] = look(str(scheme)) | {"ms": 4, "lw": 1.0}
-                style |= {"alpha": 0.5} if contact != "implicit" else {}
-                group = group.sort_values("work")
-                axis.plot(group.work, group.worst, label=_label(group.iloc[0]), **style)
-            if best is not None:
-                worst = runs.worst[runs.kind == "advised"]
-                axis.plot(best.work, worst, "o", ms=10, mfc="none", color="black", label="advised")
+        runs = table[table.kind != "remark"].sort_values("work")
+        runs["worst"] = _worst(runs, wanted)
+        for (scheme, contact), group in runs.groupby(["scheme", "contact"], sort=False):
+            style: dict[str, Any] = look(str(scheme)) | {"ms": 4, "lw": 1.0}
+            style |= {"alpha": 0.5} if contact != "implicit" else {}
+            axis.plot(group.work, group.worst, label=_label(group.iloc[0]), **style)
+        best = runs[runs.kind == "advised"]
+        axis.plot(best.work, best.worst, "o", ms=10, mfc="none", color="black", label="advised" if len(best) else None)
         axis.axhline(1.0, color="0.4", lw=0.9, ls="--")
         axis.set(xlabel="linear solves", ylabel="worst error / admissible error")
         log_scale(axis)
         axis.set_ylim(top=min(axis.get_ylim()[1], FARTHEST))
-        panel_legend(axis)
+        shared_legend(figure)
 
 
 def advised_row(table: Table) -> Any:
@@ -226,7 +221,7 @@ class Search:
     until: float
     want: Mapping[str, float]
     tried: list[Row] = field(default_factory=list)
-    ended: str = ""  # number of steps at which the time was over
+    ended: str = ""  # where, and what would find more
 
     def probe(self, scheme: Scheme, contact: str, steps: int) -> Row | None:
         """The run with this number of steps; None if the scheme refuses the system."""
@@ -239,7 +234,8 @@ class Search:
             errors, seconds = dict.fromkeys(QUANTITIES, np.inf), 0.0
         row: Row = {"kind": "run", "scheme": label_of_run(scheme), "contact": contact, "dt": dt, "steps": steps,
                     "work": steps * len(scheme.nodes), "seconds": seconds}  # fmt: skip
-        return row | {f"error_{name}": x for name, x in errors.items()}
+        self.tried.append(row | {f"error_{name}": x for name, x in errors.items()})
+        return self.tried[-1]
 
     def meets(self, run: Row) -> bool:
         """Return True where every error is at most the one wanted."""
@@ -255,13 +251,13 @@ class Search:
         best: Row | None = None
         alive: list[tuple[Scheme, str, Row | None]] = [(scheme, contact, None) for scheme, contact in candidates]
         while alive and steps <= most and not self.ended:
-            refined, level = [], []
+            refined = []
             for done, (scheme, contact, before) in enumerate(alive):
                 show(f"advise: runs of {steps} steps", done, len(alive))
                 # A run takes twice as long as the one of half the steps.
                 last = 0.0 if before is None else 2.0 * before["seconds"]
-                if clock() + last > self.until and (level or self.tried):
-                    self.ended = f"{steps} steps"
+                if clock() + last > self.until and self.tried:
+                    self.ended = f"after its seconds, at {steps} steps: more seconds may find more"
                     continue
                 good = before if before is not None and self.meets(before) else None
                 # What costs more than the best run that meets the requirements cannot be chosen.
@@ -270,14 +266,14 @@ class Search:
                 run = self.probe(scheme, contact, steps)
                 if run is None:
                     continue  # what this scheme or these stops do not take
-                level.append(run)
                 # Runs between two that meet the requirements may show that this was chance.
                 if good and self.meets(run) and self._confirmed(scheme, good):
                     best = good
                     continue
                 refined.append((scheme, contact, run))
-            self.tried += level
             alive, steps = refined, 2 * steps
+        at_most = f"at most_steps = {most}: a larger number may find more"
+        self.ended = self.ended or (at_most if alive else "where every other scheme costs more")
         return best
 
     def _coarsest(self, most: int) -> int:
@@ -288,13 +284,9 @@ class Search:
 
     def _confirmed(self, scheme: Scheme, coarse: Row) -> bool:
         """Return True where runs of steps between those of ``coarse`` and their half meet the want too."""
-        for k in range(1, BETWEEN + 1):
-            run = self.probe(scheme, coarse["contact"], round(coarse["steps"] * 2.0 ** (k / (BETWEEN + 1))))
-            if run is not None:
-                self.tried.append(run)
-                if not self.meets(run):
-                    return False
-        return True
+        numbers = (round(coarse["steps"] * 2.0 ** (k / (BETWEEN + 1))) for k in range(1, BETWEEN + 1))
+        runs = (self.probe(scheme, coarse["contact"], steps) for steps in numbers)
+        return all(run is None or self.meets(run) for run in runs)
 
 
 def errors_of(run: Trajectory, exact: Reference) -> tuple[dict[str, float], float]:

@@ -8,16 +8,19 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import signal
+import textwrap
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from html import escape
+from itertools import accumulate
 from multiprocessing import current_process
 from pathlib import Path
 from threading import current_thread, main_thread
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -30,7 +33,7 @@ from ..basics.storage import make_folder, source_hash, write_whole
 from ..basics.text import plain
 from ..basics.units import with_unit
 from ..basics.validation import InputError, exact_float, integer, one_of, sequence
-from ..figures.chart import short
+from ..figures.chart import Figure, short
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, integrators
 from ..measures.errors import Order, first_impacts_end, observed_order
@@ -40,10 +43,7 @@ from ..model.time_functions import covered
 from ..references import best_reference, substitute
 from ..schemes import RIGID, SCHEMES, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, split_runs, user_source
-from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory, Unfinished
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Unfinished
 
 Row = dict[str, Any]
 Table = Any  # a pandas.DataFrame, whose columns have no types of their own
@@ -70,7 +70,8 @@ class Study:
 
     Class variables: ``all_cores``, True where a point uses every core; ``needs_stops`` and ``needs_motion``;
     ``any_step``, True where the study chooses the time steps itself; ``free``, True where the motion touches no stop;
-    ``height`` of the picture in inches; ``labels``, the text and the quantity of columns, for axes.
+    ``height`` of the picture in inches; ``labels``, the text and the quantity of columns, for axes. A study may have an
+    option ``budget``, the seconds after which no further point begins.
     """
 
     all_cores: ClassVar[bool] = False
@@ -115,10 +116,6 @@ class Study:
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Draw the rows that have results; ``table.attrs["labels"]`` has the labels of columns with their units."""
         raise NotImplementedError
-
-    def axis_labels(self, case: Case) -> dict[str, str]:
-        """Labels of the columns, with the units of the case."""
-        return {column: with_unit(case.units, *label) for column, label in self.labels.items()}
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -174,12 +171,9 @@ class Records:
     def lost(self) -> dict[str, int]:
         """Reasons of the points without a result, each with the number of its rows; those that differ in numbers alone
         are one."""
-        counts: dict[str, tuple[str, int]] = {}
-        for reason in self.table["lost"].dropna() if "lost" in self.table else ():
-            alike = re.sub(r"[\d.]+(e[+-]?\d+)?", "", reason)
-            first, count = counts.get(alike, (reason, 0))
-            counts[alike] = first, count + 1
-        return dict(counts.values())
+        reasons = self.table["lost"].dropna() if "lost" in self.table else pd.Series(dtype=str)
+        alike = reasons.str.replace(r"[\d.]+(e[+-]?\d+)?", "", regex=True)
+        return {each.iloc[0]: len(each) for _, each in reasons.groupby(alike, sort=False)}
 
     @property
     def answer(self) -> Answer:
@@ -200,11 +194,13 @@ class Records:
         return " ".join(f"Every run of {name} failed: {why.iloc[0]}." for name, why in lost if name not in found)
 
     def text(self, width: int | None = None) -> str:
-        """Question, answer, table and lost points as text; a table wider than ``width`` is printed in parts."""
+        """Question, answer, table and lost points as text, in lines of ``width`` letters."""
         answer = self.answer
-        small = answer.table.fillna("–").to_string(index=False, line_width=width) if len(answer.table) else ""
         lost = [f"lost ({count}): {reason}" for reason, count in self.lost.items()]
-        return "\n".join(filter(None, [self.study.question(), answer.verdict, small, answer.notes, *lost]))
+        before, after = [self.study.question(), answer.verdict], [answer.notes, *lost]
+        if width is not None:
+            before, after = ([textwrap.fill(line, width) for line in lines] for lines in (before, after))
+        return "\n".join(filter(None, [*before, _in_parts(answer.table.fillna("–"), width), *after]))
 
     def __str__(self) -> str:
         return self.text()
@@ -219,9 +215,7 @@ class Records:
         return f"<p>{escape(answer.verdict)}</p>{small}<p>{escape(answer.notes)}</p>"
 
     def _repr_png_(self) -> bytes:
-        from ..figures.chart import png
-
-        return png(self.figure())
+        return self.figure()._repr_png_()  # type: ignore[attr-defined]
 
     def figure(self) -> Figure:
         """The picture under the answer."""
@@ -229,7 +223,6 @@ class Records:
 
         figure, table = new_figure(self.study.height), self.found
         if len(table):
-            table.attrs["labels"] = self.study.axis_labels(self.case)
             self.study.draw(table, figure, self.case)
         else:
             figure.add_subplot()
@@ -276,18 +269,20 @@ def perform(
     name = type(study).__name__.lower()
     with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)
-        store = Store(folder, _key(study, case))
+        store, until = Store(folder, _key(study, case)), time.time() + getattr(study, "budget", np.inf)
         points = list(study.points(case))
         jobs, available = 1 if study.measured else jobs, cores()
         threads = max(1, available // jobs) if jobs is not None else 0
-        work = (delayed(_point)(study, case, point, store, threads) for point in points)
-        show(name, 0, len(points))
+        work = (delayed(_point)(study, case, point, store, threads, until) for point in points)
+        # A point counts as many times as it has steps, so that the share that is done is one of the time.
+        costs = [point.get("steps", 1) for point in points]
+        show(name, 0, sum(costs))
         rows = list[Row]()
         try:
-            done: Any = Parallel(jobs, return_as="generator")(work)
-            for count, part in enumerate(done, 1):
+            finished: Any = Parallel(jobs, return_as="generator")(work)
+            for part, done in zip(finished, accumulate(costs), strict=True):
                 rows += part
-                show(name, count, len(points))
+                show(name, done, sum(costs))
         except KeyboardInterrupt:  # learns what the processes have kept
             TALK.kept = TALK.kept or (store.folder is not None and any(store.folder.glob("*.json")))
             raise
@@ -295,23 +290,37 @@ def perform(
             reason = "is there enough memory? Run it again; with a folder the finished points are kept"
             raise Unfinished(f"a process of the study died: {reason}") from error
     table = pd.DataFrame(rows)
-    table.attrs = {"study": name, "case": case.name, "units": list(case.units), "labels": study.axis_labels(case)}
+    labels = {column: with_unit(case.units, *label) for column, label in study.labels.items()}
+    table.attrs = {"study": name, "case": case.name, "units": list(case.units), "labels": labels}
     return Records(study, case, table)
 
 
-def _point(study: Study, case: Case, point: Row, store: Store, threads: int) -> list[Row]:
-    """The rows of a point, from the store if it has them. threads: of an ensemble in this process, 0: all."""
+def _in_parts(table: Table, width: int | None) -> str:
+    """Text of a table; one that is wider than ``width`` in parts, which all begin with the first column."""
+    parts = [list(table.columns[:1])]
+    for column in table.columns[1:]:
+        text = table[[*parts[-1], column]].to_string(index=False)
+        if width is not None and text.index("\n") > width and len(parts[-1]) > 1:
+            parts.append(parts[0][:1])
+        parts[-1].append(column)
+    return "\n\n".join(table[part].to_string(index=False) for part in parts) if len(table) else ""
+
+
+def _point(study: Study, case: Case, point: Row, store: Store, threads: int, until: float) -> list[Row]:
+    """The rows of a point, from the store if it has them. threads: of an ensemble in this process, 0: all. until: the
+    time at which the budget is over."""
     if current_process().name != "MainProcess" and current_thread() is main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker without a traceback
     if threads and os.environ.get("STIFFBEAM_THREADS") is None and threads < cores():
         os.environ["STIFFBEAM_THREADS"] = str(threads)
-    return store.rows(point, lambda: evaluate(study, case, point))
+    return store.rows(point, lambda: _evaluate(study, case, point, until))
 
 
-def evaluate(study: Study, case: Case, point: Row) -> list[Row]:
+def _evaluate(study: Study, case: Case, point: Row, until: float) -> list[Row]:
     """The rows of a point; a refusal, a run that overflowed and a solver that failed are a row with ``lost``."""
     try:
-        rows = study.run(case, **point)
+        over = "not begun within the budget: run it again with the same folder to go on, or with a larger budget"
+        rows = study.run(case, **point) if time.time() <= until else {"lost": over}
     except (InputError, Diverged, SolverFailure) as error:
         rows = {"lost": str(error)}
     except (ArithmeticError, np.linalg.LinAlgError) as error:
@@ -333,52 +342,43 @@ class Store:
     def rows(self, point: Row, compute: Any) -> list[Row]:
         """Rows of a point: those of its file, else those that ``compute()`` returns. Rows that lost something are not
         kept."""
-        if self.folder is None:
-            return _plain_rows(compute())[0]
-        text = json.dumps([self.key, point], sort_keys=True, default=partial(_described, source=True))
-        file = self.folder / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.json"
-        if file.is_file() and not file.is_symlink():
-            try:
+        file = None
+        if self.folder is not None:
+            key = json.dumps([self.key, point], sort_keys=True, default=partial(_described, source=True))
+            file = self.folder / f"{hashlib.sha256(key.encode()).hexdigest()[:24]}.json"
+        if file is not None and file.is_file() and not file.is_symlink():
+            # A damaged file: its point is evaluated again.
+            with suppress(ValueError):
                 rows = json.loads(file.read_text(encoding="utf-8"))
                 if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
                     TALK.kept = True
                     return rows
-            except ValueError:
-                pass  # a damaged file: its point is evaluated again
-        rows, written = _plain_rows(compute())
-        if not any("lost" in row for row in rows):
-            write_whole(file, written)
+        text = json.dumps(compute(), default=_described)  # floats keep every bit
+        rows = json.loads(text)  # as a later run reads them
+        if file is not None and not any("lost" in row for row in rows):
+            write_whole(file, text)
             TALK.kept = True
         return rows
-
-
-def _plain_rows(rows: list[Row]) -> tuple[list[Row], str]:
-    """Rows as a later run reads them, and their text. Floats keep every bit."""
-    text = json.dumps(rows, default=_described)
-    return json.loads(text), text
 
 
 def _key(study: Study, case: Case) -> list[Any]:
     """All that the rows of a study depend on."""
     systems = [case.system(form).fingerprint for form in case.forms]
     runs = [f"{scheme}@{form}" for scheme, form in case.runs]
-    options = {f.name: _described(getattr(study, f.name), source=True) for f in fields(study)}
+    options = {f.name: _described(getattr(study, f.name), source=True) for f in fields(study) if f.name != "budget"}
     uncertain = {path: repr(one) for path, one in case.uncertain.items()}
     kind = f"{type(study).__module__}:{type(study).__qualname__}"
     return [kind, options, systems, case.grid, case.dt, case.t_end, runs, uncertain, source_hash()]
 
 
 def _described(value: Any, source: bool = False) -> Any:
-    """Text of an option: the label of an integrator, with its ``source`` a hash of a user's module or of arrays."""
+    """Text of an option: the label of an integrator, with its ``source`` a hash of a user's module."""
     if isinstance(value, Mapping):
         return {str(name): _described(x, source) for name, x in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_described(x, source) for x in value]
     if isinstance(value, np.generic):
         return value.item()
-    if isinstance(value, Trajectory):
-        arrays = hashlib.sha256(value.t.tobytes() + value.tip.tobytes()).hexdigest() if source else ""
-        return f"{value.label} {arrays}".strip()
     if isinstance(value, Scheme) or callable(value):
         kind = type(value) if isinstance(value, Scheme) else value
         name = f"{kind.__module__}:{getattr(kind, '__qualname__', kind)}"
@@ -386,8 +386,6 @@ def _described(value: Any, source: bool = False) -> Any:
         return f"{label} {name} {user_source(name)}" if source else label
     if isinstance(value, str) and source and ":" in value:
         return f"{value} {user_source(value)}".strip()
-    if isinstance(value, System):
-        return value.fingerprint
     return value if value is None or isinstance(value, (str, int, float)) else repr(value)
 
 
@@ -396,12 +394,13 @@ def _described(value: Any, source: bool = False) -> Any:
 _SOLVED = Recent[Reference](4)
 
 
-def _labels(kind: Any, tokens: Sequence[Token]) -> list[str]:
-    return [part.strip() for token in tokens for part in split_runs(token.value)]
+def _listed(read: Callable[[str], list[Any]]) -> Parameter:
+    """Parameter whose texts are each read as a list."""
 
+    def convert(kind: Any, tokens: Sequence[Token]) -> list[Any]:
+        return [value for token in tokens for value in read(token.value)]
 
-def _integers(kind: Any, tokens: Sequence[Token]) -> list[int]:
-    return [int(part) for token in tokens for part in token.value.split(",")]
+    return Parameter(converter=convert, n_tokens=1, negative=())
 
 
 def read_values(text: str) -> list[float]:
@@ -421,13 +420,9 @@ def read_values(text: str) -> list[float]:
     return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
 
 
-def _values(kind: Any, tokens: Sequence[Token]) -> list[float]:
-    return [value for token in tokens for value in read_values(token.value)]
-
-
-Labels = Annotated[Sequence[Any] | None, Parameter(converter=_labels, n_tokens=1, negative=())]
-Integers = Annotated[Sequence[int] | None, Parameter(converter=_integers, n_tokens=1, negative=())]
-Values = Annotated[Sequence[float] | None, Parameter(converter=_values, n_tokens=1, negative=())]
+Labels = Annotated[Sequence[Any] | None, _listed(lambda text: [part.strip() for part in split_runs(text)])]
+Integers = Annotated[Sequence[int] | None, _listed(lambda text: list(map(int, text.split(","))))]
+Values = Annotated[Sequence[float] | None, _listed(read_values)]
 
 
 VALUES = "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"
@@ -490,8 +485,8 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
 
 
 def clear_orders(orders: Mapping[str, Order]) -> str:
-    """The least and the largest order with a narrow interval, see ``extremes``."""
-    slopes = {name: order.slope for name, order in orders.items() if not order.unclear}
+    """The least and the largest order with a narrow interval, which two points do not have, see ``extremes``."""
+    slopes = {name: order.slope for name, order in orders.items() if not order.unclear and np.isfinite(order.interval)}
     return extremes(slopes, "{:.2f}".format) if any(map(np.isfinite, slopes.values())) else "no clear rate"
 
 

@@ -13,16 +13,17 @@ exists for any pair.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
+from scipy.stats import sem
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, positive
-from ..figures.chart import lines, log_scale, look, name_lines, shared_legend, short
+from ..figures.chart import Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..model.members import off_rigid_stops
@@ -31,12 +32,8 @@ from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, Superposition
 from ..references.ensemble import reference_ensemble
-from ..trajectory.ensemble import Ensemble
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LINEAR = 1e-4  # of the motion's size: a pair farther apart no longer grows in proportion
 ROUNDED = 1e-13  # of it: the distance of a closer pair is rounding
@@ -50,16 +47,13 @@ SURE = 6  # pairs, the fewest that can tell a median with 95 %: five alike have 
 class Chaos(Study):
     """How fast do neighbouring motions diverge, and do the schemes diverge as fast as the exact flow?
 
-    Pairs of neighbouring motions start along the exact motion, ``size`` apart, and are followed for ``span``, by the
-    exact solution and by every scheme.
+    Pairs of neighbouring motions start along the exact motion, 1e-11 of it apart (1e-7 without an exact solution), and
+    are followed for ``span``, by the exact solution and by every scheme.
     """
 
     schemes: base.Labels = option(*base.SCHEME_LABELS)
     form: str | None = option(*base.FORM)
     starts: int = option(48, "pairs of neighbouring motions", least=1)
-    size: float | None = option(
-        None, "distance of a pair, relative to the motion; default: 1e-11, without an exact solution 1e-7"
-    )
     span: float | None = option(None, "time span of a pair; default: half the horizon")
 
     needs_motion: ClassVar = True
@@ -85,8 +79,7 @@ class Chaos(Study):
         if span is None:  # a horizon may be shorter than some steps, or 0
             span = max(min(exact.horizon, case.t_end) / 2.0, STEPS * dt)
         known = exact.provenance["method"] == "exact"
-        size = (CLOSE if known else CLOSE_TO_TOLERANCE) if self.size is None else positive("size", self.size)
-        shared = {"size": size, "span": dt * round(span / dt)}
+        shared = {"size": CLOSE if known else CLOSE_TO_TOLERANCE, "span": dt * round(span / dt)}
         return [shared | {"method": method} for method in ("exact", *base.chosen_schemes(case, self.schemes))]
 
     def run(self, case: Case, method: str, size: float, span: float) -> list[Row]:
@@ -94,9 +87,9 @@ class Chaos(Study):
         system = case.system(self.form)
         basis, motion = undamped_modes(system), scales(system, case.t_end)
         exact = base.solve_once(system, case.t_end)
-        dt, count = case.dt, self.starts
+        dt, steps = case.dt, round(span / case.dt)
         # Starts all along the motion after its first tenth; samples of loads must cover the span of every pair.
-        times = np.linspace(0.1, min(0.9, (_recorded(system) - span) / case.t_end), count) * case.t_end
+        times = np.linspace(0.1, min(0.9, (_recorded(system) - span) / case.t_end), self.starts) * case.t_end
         assert exact.state_at is not None
         q, v = exact.state_at(times)
         # A direction of its own for every pair, of the same size in every mode's velocity.
@@ -108,19 +101,18 @@ class Chaos(Study):
         systems = [later(system, t, *state) for t, *state in zip(times, q, v, strict=True)]
         beside = [off_rigid_stops(one, x) for one, x in zip(systems, q + dq, strict=True)]
         systems += [later(system, t, *state) for t, *state in zip(times, beside, v + dv, strict=True)]
-        steps = round(span / dt)
         if method == "exact":
             many = reference_ensemble(systems[0], span, systems, np.arange(steps + 1) * dt)
         else:
-            many = integrate_ensemble(
-                systems[0], base.chosen_schemes(case, self.schemes)[method], dt, span, systems, every=1
-            )
-        distance = _distance(many, count, omega)
+            scheme = base.chosen_schemes(case, self.schemes)[method]
+            many = integrate_ensemble(systems[0], scheme, dt, span, systems, every=1)
+        # (pairs, k): how far apart the two tips of every pair are, position and velocity together.
+        distance = np.hypot(omega * np.subtract(*np.split(many.tip, 2)), np.subtract(*np.split(many.tip_velocity, 2)))
         largest = float(np.max(omega * np.abs(many.tip)))
         rows: list[Row] = []
-        for k in range(count):
+        for k, start in enumerate(times):
             exponent, late = growth(many.t, distance[k], max(ROUNDED, 1e-2 * size) * largest, LINEAR * largest)
-            rows.append({"pair": k, "start": float(times[k]), "exponent": exponent, "late": late})
+            rows.append({"pair": k, "start": float(start), "exponent": exponent, "late": late})
         keep = np.unique(np.linspace(1, steps, 100).astype(int))
         # The geometric mean, since distances grow exponentially.
         mean = np.exp(np.mean(np.log(np.maximum(distance, np.finfo(float).tiny)), axis=0)) / largest
@@ -128,34 +120,33 @@ class Chaos(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The exponents with their intervals, method by method."""
-        units, means = case.units, exponents(table)
+        means, pairs = exponents(table), f"Fewer than {SURE} pairs could be followed long enough"
         if not means:
-            return Answer(f"Fewer than {SURE} pairs could be followed long enough.")
+            return Answer(f"{pairs}.")
         none = [method for method, known in means.items() if known is None]
-        unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
         short_of = [method for method in table.method.unique() if method not in means]
-        few = f"Fewer than {SURE} pairs could be followed long enough for {', '.join(short_of)}." if short_of else ""
+        unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
+        notes = [f"{pairs} for {', '.join(short_of)}."] * bool(short_of)
         known = {method: pair for method, pair in means.items() if pair is not None}
         if not known:
             reason = "most pairs do not diverge or approach threefold in the second half of the span"
-            return Answer(f"{unseen}: {reason}.", notes=few)
-        rate, notes = with_unit(units, "lambda", "rate"), "Means over the starts, ± 95 % by their scatter."
-        said = []
+            return Answer(f"{unseen}: {reason}.", notes=" ".join(notes))
+        texts = {method: f"{mean:.3g} ± {interval:.2g}" for method, (mean, interval) in known.items()}
+        said, digits = [], ""
         if "exact" in known:
-            mean, interval = known["exact"]
-            said.append(f"{mean:.3g} ± {interval:.2g} for the exact flow")
-            time = unit_of(units, "time") or "unit of time"
-            notes += f" The exact motion loses {mean / np.log(10.0):.2g} digits per {time}."
+            said.append(f"{texts['exact']} for the exact flow")
+            time = unit_of(case.units, "time") or "unit of time"
+            digits = f" The exact motion loses {known['exact'][0] / np.log(10.0):.2g} digits per {time}."
         rates = {method: mean for method, (mean, _) in known.items() if method != "exact"}
         said += [f"{base.extremes(rates, '{:.3g}'.format)} for schemes"] if rates else []
+        rate = with_unit(case.units, "lambda", "rate")
         return Answer(
             f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(said)}.",
-            pd.DataFrame(
-                [{"neighbours diverge like exp(lambda t)": method, rate: f"{mean:.3g} ± {interval:.2g}"}
-                 for method, (mean, interval) in known.items()]
+            pd.DataFrame({"neighbours diverge like exp(lambda t)": texts.keys(), rate: texts.values()}),
+            " ".join(
+                [f"Means over the starts, ± 95 % by their scatter.{digits}", *[f"{unseen}."] * bool(none), *notes]
             ),
-            " ".join(filter(None, [notes, f"{unseen}." if unseen else "", few])),
-        )  # fmt: skip
+        )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Mean distance of neighbouring motions, and their exponents."""
@@ -211,12 +202,6 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
     )
 
 
-def _distance(many: Ensemble, pairs: int, omega: float) -> Array:
-    """(pairs, k): how far apart the two tips of every pair are, position and velocity together."""
-    du, dv = many.tip[pairs:] - many.tip[:pairs], many.tip_velocity[pairs:] - many.tip_velocity[:pairs]
-    return np.hypot(omega * du, dv)
-
-
 def growth(t: Array, distance: Array, least: float, limit: float) -> tuple[float, float]:
     """The slope of ln distance over t until the distance exceeds ``limit``, or falls again after it exceeded ``least``;
     and its growth in the second half of that time, NaN if that is too short."""
@@ -242,7 +227,7 @@ def exponents(table: Table) -> dict[str, tuple[float, float] | None]:
         of_median = max(0, int(0.5 * len(late) - 0.98 * np.sqrt(len(late))))  # rank of its 95 % bound
         late = np.sort(late)
         grown = late[of_median] > THREEFOLD or late[-1 - of_median] < -THREEFOLD
-        interval = float(student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
+        interval = float(student.ppf(0.975, len(values) - 1) * sem(values))
         means[method] = (float(np.mean(values)), interval) if grown else None
     return means
 

@@ -12,7 +12,7 @@ from ..basics.progress import current
 from ..basics.validation import InputError, one_of, positive, step_count
 from ..files.cases import Case, compared
 from ..files.store import cached_reference
-from ..integrators import SCHEME, SOLVER, Integrator, fastest, integrators
+from ..integrators import SCHEME, SOLVER, fastest, integrators
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
 from ..measures.report import Report, report
@@ -65,20 +65,21 @@ class CaseComparison:
         form = self.form or (case.runs[0][1] if case.runs else case.forms[0])
         system = case.system(form)
         if references is None:
-            alone = COMPARED[1:] if substitute(system, case.t_end) else COMPARED
-            references = COMPARED_RIGID if system.rigid else alone
+            exact = not substitute(system, case.t_end)
+            references = COMPARED_RIGID if system.rigid else COMPARED if exact else COMPARED[1:]
         for name in references:
             method_of(name, "references")
         chosen = integrators(compared(case, form) if schemes is None else schemes)
         refused = list[Exception]()
-        for one in chosen:
-            if one.kind == SOLVER:
-                continue
+        for one in (x for x in chosen if x.kind != SOLVER):
+            label = f"{one.label}@{system.form}"
+            show(label, 0, 0)
+            repeat = fastest if one.kind == SCHEME else lambda march: march()
             try:
-                self.runs.append(self._scheme(one, system))
+                self.runs.append(repeat(lambda one=one: one.run(system, case.dt, case.t_end, self.contact)))
                 yield self.runs[-1]
             except (Diverged, InputError, SolverFailure) as error:
-                self._note(f"{one.label}@{system.form}", error)
+                self._note(label, error)
                 refused.append(error)
         if not self.runs and refused and all(isinstance(x, InputError) and x.field != "dt" for x in refused):
             raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
@@ -86,16 +87,12 @@ class CaseComparison:
         for solution in self._references(system, list(methods)):
             for run in self.runs if main is None else [solution]:
                 show(f"measuring {run.label}", 0, 0)
-                self._measure(run, main or solution)
+                try:
+                    self.comparisons.append(compare(run, main or solution))
+                except InputError as error:  # one run that cannot be compared does not end the others
+                    self.failures.append(("failed", run.label, str(error)))
             main = main or solution
             yield solution
-
-    def _scheme(self, one: Integrator, system: System) -> Trajectory:
-        """The run of an integrator that chooses no steps itself."""
-        case = self.case
-        current()(f"{one.label}@{system.form}", 0, 0)
-        repeat = fastest if one.kind == SCHEME else lambda march: march()
-        return repeat(lambda: one.run(system, case.dt, case.t_end, self.contact))
 
     def _references(self, system: System, methods: Sequence[str]) -> Iterator[Reference]:
         """Yield the main reference, the first of ``methods`` that can take the system, then the others to its
@@ -124,13 +121,6 @@ class CaseComparison:
             yield solution
             if steps < 2:
                 return
-
-    def _measure(self, run: Trajectory, main: Reference) -> None:
-        """Compare, or note why it cannot be: one run that cannot be compared does not end the others."""
-        try:
-            self.comparisons.append(compare(run, main))
-        except InputError as error:
-            self.failures.append(("failed", run.label, str(error)))
 
     def _note(self, label: str, error: Exception) -> None:
         """A run or reference that there is not, and why."""

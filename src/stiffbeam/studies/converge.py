@@ -8,13 +8,13 @@ of an octave of steps counts.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
-from ..basics.validation import InputError
-from ..figures.chart import log_scale, look, mark_order, shared_legend, short
+from ..basics.validation import InputError, positive
+from ..figures.chart import Axes, Figure, lines, log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
 from ..integrators import SCHEME, SOLVER, Integrator, fastest
 from ..measures.errors import Order, matched_until, observed_order, tip_error
@@ -29,10 +29,6 @@ from ..trajectory.trajectory import Reference, Trajectory
 from . import base
 from .base import Answer, Row, Study, Table, option
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 SMOOTH, CONTACT = "smooth", "contact"
 MOST_HALVINGS = 20
 SOLVERS = tuple(m for m in COMPARED if REFERENCES[m].kind == ADAPTIVE)  # beside the schemes, unless others are named
@@ -41,6 +37,8 @@ SAMPLES = 1000  # outputs on which the error is measured
 RESOLVED = 0.5  # largest (omega dt)
 ASYMPTOTIC = 0.1  # largest relative error
 ROUNDING = 10.0 * np.finfo(float).eps  # times the number of steps: a bound of the error of rounding
+REFERENCE = 100.0  # times its relative tolerance: a bound of the error of an adaptive reference
+STEPS = "steps"  # unit of the work of a function that counts nothing
 ERROR = 1e-3  # tip error at which costs are compared
 VIEWS = {  # x, y, title
     "order": ("dt", "tip_error", "error over the time step"),
@@ -61,7 +59,8 @@ class Converge(Study):
     until the first ``impacts`` impacts are over; impacts are followed to the horizon of the exact motion.
 
     Work of an implicit scheme: linear solves. Of an explicit one: evaluations of the force. Of a solver: evaluations of
-    the right-hand side or linear solves, whichever are more. Of a function: what its Trajectory counts, else its steps.
+    the right-hand side or linear solves, whichever are more. Of a function: the largest of ``work.counters`` of the
+    Trajectory that it returns, for example {"rhs": 4 * steps}; else its steps, which are marked as such.
 
     Example: stiffbeam converge table10 --integrators BDF2,cvode --views order,work
     """
@@ -76,6 +75,7 @@ class Converge(Study):
     kinds: base.Labels = option((SMOOTH, CONTACT), "smooth, contact, or both", known=(SMOOTH, CONTACT))
     halvings: int = option(10, "number of time steps dt, dt/2, dt/4, ...", least=1)
     tolerances: base.Values = option((1e-4, 1e-6, 1e-8, 1e-10), "relative tolerances of solvers, comma-separated")
+    budget: float = option(600.0, "seconds after which no further run begins; coarse runs come first")
     impacts: int = option(4, "number of impacts in the time window", least=1)
     form: str | None = option(*base.FORM)
     contact: str = option(*base.TREATMENT)
@@ -83,7 +83,7 @@ class Converge(Study):
     height: ClassVar = 8.4
     labels: ClassVar = {
         "dt": (r"time step $\Delta t$", "time"), "tip_error": ("tip error, rms, relative", ""),
-        "solves": ("linear solves or evaluations", ""), "seconds": ("seconds of stepping", ""),
+        "solves": ("linear solves, evaluations or steps", ""), "seconds": ("seconds of stepping", ""),
         "impacts": ("impacts counted", ""), "matched_until": ("exact impacts followed to $t$", "time"),
         "energy_lost": ("share of the energy supplied", ""),
     }  # fmt: skip
@@ -96,6 +96,7 @@ class Converge(Study):
     def require(self, case: Case) -> None:
         """Raise InputError for more steps than a computer can take."""
         super().require(case)
+        positive("budget", self.budget)
         if self.halvings > MOST_HALVINGS:
             rule = f"be at most {MOST_HALVINGS}: the last run has 2^{MOST_HALVINGS - 1} times the steps of the first"
             raise InputError("halvings", self.halvings, rule, "take fewer, or a smaller dt")
@@ -125,14 +126,15 @@ class Converge(Study):
                     plan += [shared | {"rtol": float(rtol)} for rtol in levels]
                     continue
                 plan += [shared | each for each in self._steps(case, one, kind, end)]
-        return plan
+        # All coarse runs first: a budget that is over leaves out the fine ones of every integrator.
+        return sorted(plan, key=lambda point: point.get("octave", 0))
 
     def _steps(self, case: Case, one: Integrator, kind: str, end: float) -> list[Row]:
         """Numbers of steps, each with its octave."""
         per = PER_OCTAVE if kind == CONTACT and one.kind == SCHEME else 1
         counts = [max(4, round(end / case.dt * 2.0 ** (k / per))) for k in range(self.halvings * per)]
-        # Steps that round to one number are one point.
-        return list({n: {"steps": n, "octave": k // per} for k, n in reversed([*enumerate(counts)])}.values())[::-1]
+        # Steps that round to one number are one point, of the coarser octave.
+        return [{"steps": n, "octave": counts.index(n) // per} for n in dict.fromkeys(counts)]
 
     def run(
         self, case: Case, kind: str, integrator: str, t_end: float, rtol: float = 0.0, steps: int = 0, octave: int = 0
@@ -191,19 +193,25 @@ class Converge(Study):
             parts += [f"{base.clear_orders(of_kind)} {words[kind]}"] if of_kind else []
         at = table[(table.kind == CONTACT) if CONTACT in set(table.kind) else (table.kind == SMOOTH)]
         costs, right = cheapest(at, ERROR, "solves"), right_from(at)
-        columns[f"work for {ERROR:g}"] = {label: _count(cost) for label, cost in costs.items()}
+        by_integrator = at.groupby("integrator")
+        unit, met = by_integrator.unit.first(), by_integrator.tip_error.max() <= ERROR
+        # Three digits, without a power of ten. Where even the coarsest run meets the error a coarser one may as well.
+        work = {x: f"{'at most ' if met[x] else ''}{float(f'{cost:.3g}'):.0f} {unit[x]}" for x, cost in costs.items()}
+        columns[f"work for {ERROR:g}"] = work
         columns["impacts right from dt"] = {x: f"{dt:.2g}" if np.isfinite(dt) else DASH for x, dt in right.items()}
         if "energy_lost" in at:
             lost = at[at.energy_lost.notna()].groupby("integrator").energy_lost.first()
             columns["energy lost at dt"] = lost.map(percent).to_dict()
         small = pd.DataFrame({name: column for name, column in columns.items() if column})
-        best = min(costs, key=lambda label: costs[label]) if costs else None
         verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
-        if best is not None:
-            unit = "solves" if self.chosen(case)[best].implicit else "evaluations"
-            verdict += f" Least work for a tip error of {ERROR:g}: {_count(costs[best])} {unit} ({short(best)})."
+        counted = [x for x in costs if unit[x] != STEPS]
+        if counted:
+            best = min(counted, key=costs.__getitem__)
+            verdict += f" Least work for a tip error of {ERROR:g}: {work[best]} ({short(best)})."
         notes = "Order: ± holds with 95 %; through impacts the worst of each octave of steps counts. Work: for a tip "
         notes += f"error of {ERROR:g} that all finer runs keep, interpolated between runs."
+        if len(counted) < len(costs):
+            notes += " Steps: a function whose Trajectory has no work.counters, not comparable with the others."
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
         return Answer(verdict.strip(), small, notes)
@@ -213,8 +221,9 @@ class Converge(Study):
         kinds = [kind for kind in (SMOOTH, CONTACT) if kind in set(table.kind)]
         main = table[table.kind == kinds[-1]]
         panels = [(view, kind) for view in self.views or ("order",)
-                  for kind in (kinds if view == "order" else [kinds[-1]])]  # fmt: skip
-        columns = min(3, len(panels))
+                  for kind in (kinds if view == "order" else [kinds[-1]])
+                  if set(VIEWS[view][:2]) <= set(main)]  # fmt: skip
+        columns = 2 if len(panels) in (2, 4) else min(3, len(panels))
         axes = figure.subplots(-(-len(panels) // columns), columns, squeeze=False).ravel()
         figure.set_figheight(1.4 + 3.9 * (len(axes) // columns))
         for axis, (view, kind) in zip(axes, panels, strict=False):
@@ -223,25 +232,21 @@ class Converge(Study):
             if view == "order":
                 title = "without contact" if kind == SMOOTH else "through the first impacts"
                 _orders(axis, rows, {label: order for (k, label), order in orders(rows).items() if k == kind})
-            elif x in rows and y in rows:
+            else:
                 _curves(axis, rows, x, y)
             log_scale(axis, y=y == "tip_error")
             if y == "tip_error":
                 axis.set_ylim(top=min(axis.get_ylim()[1], 1e3))
-                mark_order(axis, (3, 2, 1) if x == "dt" else (-2, -1), 0.96 if x == "dt" else 0.3)
+                mark_order(axis, (3, 2, 1) if x == "dt" else (-2, -1), y=0.05 if x == "dt" else 0.95)
             axis.set(title=title, xlabel=table.attrs["labels"][x], ylabel=table.attrs["labels"][y])
         for axis in axes[len(panels) :]:
             axis.remove()
         shared_legend(figure, 4)
 
 
-def _count(cost: float) -> str:
-    """A number of solves to three digits, without a power of ten."""
-    return f"{float(f'{cost:.3g}'):.0f}"
-
-
 def _cost(one: Integrator, run: Trajectory) -> Row:
-    return {"solves": one.work(run), "seconds": float(run.work.march_seconds)}
+    unit = "solves" if one.implicit else "evaluations" if one.kind == SCHEME or run.work.counters else STEPS
+    return {"solves": one.work(run), "unit": unit, "seconds": float(run.work.march_seconds)}
 
 
 def _left_out(
@@ -254,7 +259,7 @@ def _left_out(
         "impacts differ": touches and matched_until(run, exact, end) < end,
         "error above 10 %": error > ASYMPTOTIC,
         "motion not resolved": fastest_rate * dt > RESOLVED,
-        "rounding": error < max(ROUNDING * steps, 10.0 * float(exact.provenance.get("rtol", 0.0))),
+        "rounding": error < max(ROUNDING * steps, REFERENCE * float(exact.provenance.get("rtol", 0.0))),
         "past the horizon": end > exact.horizon,
     }
     return next((reason for reason, holds in reasons.items() if holds), "")
@@ -301,21 +306,21 @@ def right_from(table: Table) -> dict[str, float]:
     steps: dict[str, float] = {}
     for label, rows in table[table.impacts.notna()].groupby("integrator", sort=False):
         wrong = rows[rows.impacts != rows.exact_impacts].dt.min()
-        right = rows[rows.dt < wrong] if np.isfinite(wrong) else rows
-        steps[str(label)] = float(right.dt.max()) if len(right) else np.nan
+        steps[str(label)] = float(rows[~(rows.dt >= wrong)].dt.max())
     return steps
 
 
 def _curves(axis: Axes, rows: Table, x: str, y: str) -> None:
-    for label, group in rows[rows[y].notna()].groupby("integrator", sort=False):
-        if "octave" in group and y == "tip_error" and group.octave.notna().any():
-            group = group.groupby("octave").head(1)
-        style: Any = {"lw": 1.1, "ms": 4.0} | look(str(label))
-        axis.plot(group[x], group[y], label=short(str(label)), **style)
+    rows = rows[rows[y].notna()]
+    if "octave" in rows and y == "tip_error":
+        rows = rows[rows.octave.isna() | ~rows.duplicated(["integrator", "octave"])]
+    lines(axis, rows, x, y, "integrator", ms=4.0)
     if y == "impacts":
-        axis.axhline(rows.exact_impacts.max(), color="black", lw=1.6, label="exact")
-        top = max(2.0 * rows.exact_impacts.max(), 4.0)
-        axis.set_ylim(0.0, min(top, axis.get_ylim()[1]))
+        exact = rows.exact_impacts.max()
+        axis.axhline(exact, color="black", lw=1.6, label="exact")
+        low, high = (np.clip(end, 0.0, 2.0 * exact) for end in (rows.impacts.min(), rows.impacts.max()))
+        axis.set_ylim(min(low, exact) - 1.5, max(high, exact) + 1.5)
+        axis.yaxis.get_major_locator().set_params(integer=True)  # type: ignore[attr-defined]
     if y == "matched_until":
         axis.axhline(rows.horizon.max(), color="black", ls=":", label="horizon")
 

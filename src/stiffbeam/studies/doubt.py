@@ -24,33 +24,31 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from functools import partial
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 import scipy.stats
 from cyclopts import Parameter
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, Recent
 from ..basics.progress import current
 from ..basics.resources import over
+from ..basics.text import several
 from ..basics.units import with_unit
 from ..basics.validation import InputError, Rng, generator, number
-from ..figures.chart import style_of
+from ..figures.chart import Figure, style_of
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
 from ..model.members import EnsembleMembers, perturbed_members, varied_members
 from ..model.system import System
-from ..references import best_reference
 from ..references.ensemble import energy_of, reference_ensemble
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
 LEAST = 8  # elements of the finer mesh
@@ -92,46 +90,51 @@ class Doubt(Study):
         drawn_members(case.system(form), self.uncertain or case.uncertain, self.members, self.rng)
 
     def points(self, case: Case) -> list[Row]:
-        """All ensembles together."""
-        return [{}]
+        """A point for each source. Matrices have no mesh."""
+        return [{"source": source} for source in reversed(SOURCES) if source != "mesh" or case.problem is not None]
 
-    def run(self, case: Case) -> list[Row]:
-        """A row for each quantity and source: the mean, the relative uncertainty and its interval."""
+    def run(self, case: Case, source: str) -> list[Row]:
+        """A row for each quantity: the mean, the relative uncertainty by this source and its interval."""
         form, t_end, uncertain = self.form or case.forms[0], case.t_end, self.uncertain or case.uncertain
-        scheme = (
-            case.runs[0][0] if self.scheme is None else next(iter(base.chosen_schemes(case, [self.scheme]).values()))
-        )
-        system, show = case.system(form), current()
+        system, steps = case.system(form), round(t_end / case.dt)
+        t = np.arange(0, steps + 1, every := max(1, steps // OUTPUTS)) * case.dt
+        scheme = case.runs[0][0]
+        if self.scheme is not None:
+            (scheme,) = base.chosen_schemes(case, [self.scheme]).values()
         drawn = drawn_members(system, uncertain, self.members, self.rng)
-        every = max(1, round(t_end / case.dt) // OUTPUTS)
-        show(f"doubt: {scheme}, {self.members} members", 0, 0)
-        runs = integrate_ensemble(system, scheme, case.dt, t_end, drawn, self.contact, every)
-        if np.any(np.isfinite(runs.diverged)):
-            remedy = "use the implicit contact or a smaller dt"
-            raise Diverged(str(scheme), float(np.nanmin(runs.diverged)), remedy)
-        many, t = {"scheme": runs}, runs.t
-        show("doubt: the exact members", 0, 0)
-        exact = reference_ensemble(system, t_end, drawn, t)
-        mesh, of_mesh = finer_mesh(case, form)
-        if mesh is not None:
-            show("doubt: the exact members on a finer mesh", 0, 0)
-            many["mesh"] = reference_ensemble(mesh, t_end, drawn_members(mesh, uncertain, self.members, self.rng), t)
-        show("doubt: rounding", 0, 0)
+        current()(f"doubt: the exact members, for {source}", 0, 0)
+        key = system.fingerprint, t_end, case.dt, repr(uncertain), self.members, self.rng
+        exact, wanted = _EXACT.get(key, lambda: _measured(reference_ensemble(system, t_end, drawn, t)))
         # Rounding matters past its horizon only: there starts that hardly differ scatter.
-        horizon = min(best_reference(system, t_end).horizon, t_end)
-        if horizon < t_end:
+        horizon = min(base.solve_once(system, t_end).horizon, t_end)
+        other, factors = exact, (1.0, 1.0, 1.0)
+        if source == "scheme":
+            other = integrate_ensemble(system, scheme, case.dt, t_end, drawn, self.contact, every)
+            if np.any(np.isfinite(other.diverged)):
+                remedy = "use the implicit contact or a smaller dt"
+                raise Diverged(str(scheme), float(np.nanmin(other.diverged)), remedy)
+        elif source == "mesh":
+            mesh, factors = finer_mesh(case, form)
+            members = drawn_members(mesh, uncertain, self.members, self.rng)
+            other = reference_ensemble(mesh, t_end, members, t)
+        elif source == "rounding" and horizon < t_end:
             starts = perturbed_members(system, self.members, ROUNDING, self.rng, t_end=t_end)
-            many["rounding"] = reference_ensemble(system, t_end, starts, t)
-        shared = {"scheme": str(scheme), "horizon": horizon}
+            other = reference_ensemble(system, t_end, starts, t)
+        values = wanted if other is exact else _measured(other)[1]
+        # Of rounding and data the scatter of the members counts, of scheme and mesh their distance from the exact ones.
+        scatters, none = source in ("rounding", "data"), source == "rounding" and other is exact
+        off = other.tip - (np.median(other.tip, axis=0) if scatters else exact.tip)
+        columns = {"tip": (float(np.max(np.abs(exact.tip))), Column(np.mean, np.sqrt(np.mean(off**2, axis=1))))}
+        for name, known in wanted.items():
+            if np.all(np.isfinite(known)):
+                column = scatter(values[name]) if scatters else shift(values[name], known)
+                columns[name] = float(np.mean(known)), column
         rows = list[Row]()
-        for quantity, (mean, columns) in columns_of(exact, many, of_mesh).items():
-            shares = {name: share(x, abs(mean)) for name, x in columns.items()}
-            largest = largest_of(shares)
-            rows += [
-                {"quantity": quantity, "source": source, "mean": mean, "value": shares[source][0],
-                 "low": shares[source][1], "high": shares[source][2], "largest": source in largest} | shared
-                for source in SOURCES if source in shares
-            ]  # fmt: skip
+        for quantity, (mean, column) in columns.items():
+            sample = np.zeros(self.members) if none else column.sample
+            value, low, high = share(replace(column, sample=sample, factors=factors), abs(mean))
+            rows.append({"quantity": quantity, "mean": mean, "value": value, "low": low, "high": high,
+                         "scheme": str(scheme), "horizon": horizon})  # fmt: skip
         return rows
 
     def answer(self, table: Table, case: Case) -> Answer:
@@ -139,19 +142,26 @@ class Doubt(Study):
         named: dict[str, list[str]] = {}
         small = list[Row]()
         for quantity, rows in table.groupby("quantity", sort=False):
-            largest = " or ".join(rows[rows.largest].sort_values("value", ascending=False).source)
-            named.setdefault(largest or "none", []).append(str(quantity))
-            row = {"95 % intervals": with_unit(case.units, str(quantity), UNITS.get(_kind(quantity), "")),
-                   "mean": f"{rows['mean'].iloc[0]:.4g}", "largest": largest or "none"}  # fmt: skip
-            small.append(row | {x.source: written(x.value, x.low, x.high) for x in rows.itertuples()})
-        columns = ["95 % intervals", "mean", "largest", *(x for x in SOURCES if x in set(table.source))]
-        first = table.iloc[0]
+            shares = {x.source: (x.value, x.low, x.high) for x in rows.itertuples()}
+            largest = " or ".join(largest_of(shares)) or "none"
+            named.setdefault(largest, []).append(str(quantity))
+            kind = str(quantity).partition(" at contact")[0]
+            row = {"95 % intervals": with_unit(case.units, str(quantity), UNITS.get(kind, "")),
+                   "mean": f"{rows['mean'].iloc[0]:.4g}", "largest": largest}  # fmt: skip
+            small.append(row | {source: written(*one) for source, one in shares.items()})
+        there = [x for x in SOURCES if x in set(table.source)]
+        first, missing = table.iloc[0], [x for x in SOURCES if x not in there]
         notes = f"{first.scheme}, dt = {case.dt:.4g}, {self.members} members to t = {case.t_end:.4g}. Rounding leaves "
         notes += f"the motion certain to t = {first.horizon:.4g}."
-        if "mesh" not in columns:
+        if case.problem is None:
             notes += " The error of the mesh is not known: the case has matrices, and no mesh to refine."
-        sources = "; ".join(f"{source} for {', '.join(quantities)}" for source, quantities in named.items())
-        return Answer(f"Largest source of uncertainty: {sources}.", pd.DataFrame(small)[columns], notes)
+        sources = "; ".join(
+            f"{source} for {quantity}" + (f" and {several(len(others), 'other')}" if others else "")
+            for source, (quantity, *others) in named.items()
+        )
+        besides = f" besides {' and '.join(missing)}, not known" if missing else ""
+        table = pd.DataFrame(small)[["95 % intervals", "mean", "largest", *there]]
+        return Answer(f"Largest source of uncertainty{besides}: {sources}.", table, notes)
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """A line for each quantity, a marker with its interval for each source."""
@@ -167,11 +177,6 @@ class Doubt(Study):
         axis.set(xscale="log", xlabel="relative uncertainty, 95 % intervals", ylim=(len(quantities) - 0.5, -0.5))
         axis.grid(axis="x", alpha=0.3)
         axis.legend(frameon=False, ncols=len(sources), loc="lower center", bbox_to_anchor=(0.5, 1.0))
-
-
-def _kind(quantity: Any) -> str:
-    """The quantity without its contact."""
-    return str(quantity).partition(" at contact")[0]
 
 
 def written(value: float, low: float, high: float) -> str:
@@ -200,11 +205,9 @@ def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, rn
     return varied_members(system, columns)
 
 
-def finer_mesh(case: Case, form: str) -> tuple[System | None, tuple[float, float, float]]:
+def finer_mesh(case: Case, form: str) -> tuple[System, tuple[float, float, float]]:
     """The system on a finer mesh, and what times the distance to it is the error of the mesh: the value and the ends of
-    its bracket. None for matrices."""
-    if case.problem is None:
-        return None, (1.0, 1.0, 1.0)
+    its bracket."""
     if form == "hermite" or case.system(form).rigid:
         power = 2.0 ** ORDERS[form]
         factor = power / (power - 1.0)
@@ -216,53 +219,21 @@ def finer_mesh(case: Case, form: str) -> tuple[System | None, tuple[float, float
 # ---------------------------------------------------------------- quantities of members
 
 
-def measured(many: Ensemble) -> dict[str, Array]:
-    """One value a member (M,) of every quantity at every contact, and of the energy in the mean over the output
-    times."""
+def _measured(many: Ensemble) -> tuple[Ensemble, dict[str, Array]]:
+    """An ensemble with one value a member (M,) of every quantity at every contact, and of the energy in the mean over
+    the output times."""
     found: dict[str, Array] = {}
     for i, contact in enumerate(many.contacts):
         place = f" at contact {i}" if len(many.contacts) > 1 else ""
         found |= {name + place: np.asarray(getattr(contact, field), float) for name, field in QUANTITIES.items()}
-
     means = over(lambda i: float(np.mean(energy_of(many, i))), range(len(many)))
-    return found | {"energy": np.array(list(means))}
+    return many, found | {"energy": np.array(list(means))}
 
 
-def columns_of(
-    exact: Ensemble, many: Mapping[str, Ensemble], of_mesh: tuple[float, float, float]
-) -> dict[str, tuple[float, dict[str, Column]]]:
-    """Mean and columns of the tip, of which the mean is the largest |u|, and of every quantity that is finite.
-
-    many: the ensembles beside the exact one: "scheme", and as far as there are such "mesh" and "rounding".
-    """
-
-    def distance(one: Array, other: Array) -> Column:
-        return Column(np.mean, np.sqrt(np.mean((one - other) ** 2, axis=1)))
-
-    none, past = np.zeros(len(exact)), many.get("rounding")
-    off = {name: distance(each.tip, exact.tip) for name, each in many.items()}
-    off["rounding"] = Column(np.mean, none) if past is None else distance(past.tip, np.median(past.tip, axis=0))
-    off["data"] = distance(exact.tip, np.median(exact.tip, axis=0))
-    found = {"tip": (float(np.max(np.abs(exact.tip))), off)}
-    values = {name: measured(each) for name, each in many.items()}
-    for name, wanted in measured(exact).items():
-        if not np.all(np.isfinite(wanted)):
-            continue
-        columns = {source: shift(each[name], wanted) for source, each in values.items() if source != "rounding"}
-        columns["rounding"] = scatter(none if past is None else values["rounding"][name])
-        columns["data"] = scatter(wanted)
-        found[name] = float(np.mean(wanted)), columns
-    for _, columns in found.values():
-        if "mesh" in columns:
-            columns["mesh"] = replace(columns["mesh"], factors=of_mesh)
-    return found
+_EXACT = Recent[tuple[Ensemble, dict[str, Array]]](1)  # the exact members, which every source is compared with
 
 
 # ---------------------------------------------------------------- intervals and the largest source
-
-
-def _deviations(x: Array, axis: int = -1) -> Array:
-    return np.std(x, axis=axis, ddof=1)
 
 
 @dataclass(frozen=True)
@@ -281,7 +252,7 @@ def shift(values: Array, wanted: Array) -> Column:
 
 def scatter(values: Array) -> Column:
     """The column of the deviation of values."""
-    return Column(_deviations, np.asarray(values, float))
+    return Column(partial(np.std, ddof=1), np.asarray(values, float))
 
 
 def interval(column: Column) -> tuple[float, float]:

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
-from ..figures.chart import lines, name_lines, shared_legend, short, signed_log
+from ..figures.chart import Axes, Figure, lines, name_lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.report import DASH, percent
-from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Trajectory
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 OUTPUTS = 200  # times at which the energy balance is kept
 MOST = 100.0  # per cent: a longer bar ends here, beside its number
@@ -62,33 +57,37 @@ class Energy(Study):
             made = base.chosen_schemes(case, self.schemes)[scheme]
             run = integrate(system, made, case.dt, case.t_end, self.contact, every)
             keep = np.arange(len(run.energy.t))
-        return [_row(run.energy, int(k)) for k in keep]
+        ledger, names = run.energy, ("t", "kinetic", "elastic", "stops", "energy", "input", "supplied", "viscous")
+        table = pd.DataFrame({name: getattr(ledger, name)[keep] for name in (*names, "spread", "loss")})
+        table["sure"] = [bool(ledger.is_resolved(int(k))) for k in keep]
+        table["lost_fraction"] = [float(ledger.lost_fraction(int(k))) for k in keep]
+        table["lost_in_contact"] = np.where(table.sure, ledger.loss_in_contact[keep], np.nan)
+        table["lost_free"] = np.where(table.sure, ledger.loss_without_contact[keep], np.nan)
+        return table.to_dict("records")
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Energy lost at the end of every run, as a share of the energy supplied, and its part in contact."""
-        small, lost, known, shares = [], {}, True, [0.0]
         last = table.groupby(["scheme", "form"], sort=False).tail(1)
         closed = [
             f"{abs(row.lost_fraction):.0e} ({row.form}, to t = {row.t:.3g})"
             for row in last[last.scheme == "exact"].itertuples()
         ]
         schemes = last[(last.scheme != "exact") & (last.form == table.form.iloc[0])]
-        for row in schemes.to_dict("records"):
-            share = row["lost_in_contact"] / row["loss"] if row["loss"] else np.nan
-            if not row["sure"]:
-                loss, off = (percent(row[x] / (row["supplied"] or np.nan)) for x in ("loss", "spread"))
-                loss = f"{loss} ± {off}"
-                known = False
-            elif np.isfinite(row["lost_fraction"]):
-                lost[row["scheme"]], loss = row["lost_fraction"], percent(row["lost_fraction"])
-            else:  # on balance nothing was put in
-                loss = f"{row['loss']:.2g}" + " in all"
-            shares += [share] if row["sure"] else []
-            part = f"{100 * share:z.0f} %" if row["sure"] else DASH
-            small.append({"scheme": row["scheme"], "energy lost": loss, "of it in contact": part})
+        resolved, small, known = schemes[schemes.sure], list[Row](), bool(schemes.sure.all())
+        lost = resolved.set_index("scheme").lost_fraction.dropna().to_dict()
+        shares = (resolved.lost_in_contact / resolved.loss.where(resolved.loss != 0.0)).set_axis(resolved.scheme)
+        for row in schemes.itertuples():
+            loss = f"{row.loss:.2g} in all"  # on balance nothing was put in
+            if not row.sure:
+                loss = " ± ".join(percent(x / (row.supplied or np.nan)) for x in (row.loss, row.spread))
+            elif row.scheme in lost:
+                loss = percent(row.lost_fraction)
+            part = f"{100 * shares[row.scheme]:z.0f} %" if row.sure else DASH
+            small.append({"scheme": row.scheme, "energy lost": loss, "of it in contact": part})
         end = f"{(schemes if len(schemes) else last).t.max():g}"
-        verdict = f"Schemes lose {base.extremes(lost, percent)} of the energy supplied to t = {end}, "
-        verdict += "the exact flow none."
+        verdict = (
+            f"Schemes lose {base.extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none."
+        )
         if not lost and not known:
             verdict = f"The steps do not resolve the work of dampers to t = {end}: losses are known to the ± only."
         notes = (
@@ -96,7 +95,7 @@ class Energy(Study):
         )
         notes += f"flow closes to {', '.join(closed) or DASH}."
         notes += "" if known else " ±: the difference of two rules for the work of dampers; smaller steps reduce it."
-        return Answer(verdict, pd.DataFrame(small), notes + (REGAINED if np.nanmax(shares) > 1.005 else ""))
+        return Answer(verdict, pd.DataFrame(small), notes + REGAINED * bool((shares > 1.005).any()))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Above: energy lost over time. Below: for each form the shares of the supplied energy lost at the end."""
@@ -121,15 +120,6 @@ class Energy(Study):
             _shares(left, table[table.form == form], names)
             left.set(title=f"{form} to t = {end}", xlabel="per cent of the energy supplied")
             left.tick_params(labelleft=not j)
-
-
-def _row(ledger: Ledger, k: int) -> Row:
-    names = ("t", "kinetic", "elastic", "stops", "energy", "input", "supplied", "viscous", "spread", "loss")
-    row: Row = {name: float(getattr(ledger, name)[k]) for name in names}
-    sure = bool(ledger.is_resolved(k))
-    parts = {"lost_in_contact": ledger.loss_in_contact[k], "lost_free": ledger.loss_without_contact[k]}
-    row |= {name: float(x) if sure else float("nan") for name, x in parts.items()}
-    return row | {"sure": sure, "lost_fraction": float(ledger.lost_fraction(k))}
 
 
 def _shares(axis: Axes, rows: Table, names: list[str]) -> None:

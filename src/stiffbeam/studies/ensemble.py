@@ -9,15 +9,15 @@ beyond which half of the time in contact is spent.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from scipy.stats import t as student
+from scipy.stats import ttest_ind
 
 from ..basics.arrays import Array
-from ..basics.units import unit_of, with_unit
-from ..figures.chart import log_scale, look, name_lines, shared_legend, short
+from ..basics.units import with_unit
+from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import DASH, percent
@@ -26,10 +26,6 @@ from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LEVELS = np.linspace(0.01, 0.99, 50)  # of the cumulative distributions of durations and forces
 LEDGERS = 24  # members of a scheme whose energy is followed: its spread is small, but for the trapezoidal rule
@@ -79,24 +75,19 @@ class Ensemble(Study):
             raise Diverged(method, float(np.max(many.diverged)), "use the implicit contact or a smaller dt")
         whole = ~np.isfinite(many.diverged)
         losses = np.full((len(many), 2), np.nan)
-        if method != "exact":  # whose flow loses nothing
-            for i in np.flatnonzero(whole)[:LEDGERS]:
-                ledger = many.ledger(i)
-                losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
+        for i in np.flatnonzero(whole)[:LEDGERS] if method != "exact" else ():  # whose flow loses nothing
+            ledger = many.ledger(i)
+            losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
         rows: list[Row] = []
         for number, contact in enumerate(many.contacts):
-            of_run = number == 0
-            rows += [
-                {
-                    "kind": "member", "member": i, "contact_number": number, "count": int(contact.impact_count[i]),
-                    "fraction": float(contact.fraction[i]), "peak_force": float(contact.peak_force[i]),
-                    "impulse": float(contact.impulse[i]), "diverged": not bool(whole[i]),
-                    "energy_lost": losses[i, 0] if of_run else np.nan,
-                    "energy_had": losses[i, 1] if of_run else np.nan,
-                }
-                for i in range(len(many))
-            ]  # fmt: skip
-            rows += _distributions(number, contact.impacts)
+            members = pd.DataFrame({
+                "kind": "member", "contact_number": number, "member": range(len(many)), "count": contact.impact_count,
+                "fraction": contact.fraction, "peak_force": contact.peak_force, "impulse": contact.impulse,
+                "diverged": ~whole,
+            })  # fmt: skip
+            if not number:  # energies are of the run
+                members[["energy_lost", "energy_had"]] = losses
+            rows += members.to_dict("records") + _distributions(number, contact.impacts)
         return rows
 
     def answer(self, table: Table, case: Case) -> Answer:
@@ -106,53 +97,47 @@ class Ensemble(Study):
         if len(answers) == 1:
             return answers[0]
         for n, each in zip(numbers, answers, strict=True):
-            each.table.insert(0, "contact", f"{n:g}")
+            each.table["method"] += f" at contact {n:g}"
         verdict = " ".join(f"At contact {n:g}: {each.verdict}" for n, each in zip(numbers, answers, strict=True))
         return Answer(verdict, pd.concat([each.table for each in answers]), answers[0].notes)
 
     def _of_contact(self, table: Table, case: Case) -> Answer:
-        exact, units = distribution(table, "exact", "count"), case.units
+        exact, units = distribution(table[table.method == "exact"], "count"), case.units
         if not len(exact):
             return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
-        end, dt = (f"{value:g}" for value in (case.t_end, case.dt))
         small, means = list[Row](), dict[str, float]()
-        for method in table.method.unique():
+        for method, rows in table.groupby("method", sort=False):
             count, share, force, lost, had = (
-                distribution(table, method, name)
-                for name in ("count", "fraction", "peak_force", "energy_lost", "energy_had")
+                distribution(rows, name) for name in ("count", "fraction", "peak_force", "energy_lost", "energy_had")
             )
             if not len(count):
                 continue
             off, interval = difference(count, exact)
             if method != "exact":
-                means[method] = float(np.mean(count))
+                means[str(method)] = float(np.mean(count))
             line = {
-                "method": short(method),
-                "impacts": _spread(count),
+                "method": short(str(method)), "impacts": _spread(count),
                 "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
-                f"impacts per {unit_of(units, 'time') or 'unit of time'}": _spread(count / case.t_end),
                 "contact, %": _spread(100 * share, 2),
                 with_unit(units, "largest force", "force"): _spread(force, 4),
-                with_unit(units, "energy lost", "energy"): f"{_spread(lost)} of {_mean(had):.3g}"
-                if len(lost)
-                else DASH,
-                "lost, %": _spread(100 * lost / _mean(had)) if _mean(had) > 0.0 else DASH,
-            }
-            summaries = table[(table.kind == "summary") & (table.method == method)]
-            for row in summaries.to_dict("records"):
-                texts = [f"{row[name]:.2g}" for name in ("median", "half_time")]
-                line[with_unit(units, "durations", "time")] = f"median {texts[0]}, half of the time from {texts[1]}"
+                with_unit(units, "energy lost", "energy"): _spread(lost),
+                "lost, %": _spread(100 * lost / np.mean(had)) if len(had) and np.mean(had) > 0.0 else DASH,
+            }  # fmt: skip
+            for _, row in rows[rows.kind == "summary"].iterrows():
+                line[with_unit(units, "median duration", "time")] = f"{row['median']:.2g}"
+                line[with_unit(units, "half-time duration", "time")] = f"{row['half_time']:.2g}"
             small.append(line)
-        counted = f"; schemes count {base.extremes(means, '{:.4g}'.format)} at dt = {dt}" if means else ""
+        counted = f"; schemes count {base.extremes(means, '{:.4g}'.format)} at dt = {case.dt:g}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
-        share = percent(_mean(distribution(table, "exact", "fraction")))
+        share = percent(float(np.mean(distribution(table[table.method == "exact"], "fraction"))))
         return Answer(
             f"Over {len(exact)} members the exact solution has {np.mean(exact):.4g} ± {np.std(exact):.2g} impacts to "
-            f"t = {end} and is in contact {share} of the time{counted}.",
+            f"t = {case.t_end:g} and is in contact {share} of the time{counted}.",
             pd.DataFrame(small),
-            f"Members perturbed by {self.size:g}, dt = {dt}: mean ± standard deviation. Off by: difference of the "
-            "means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of the "
-            f"loads{over}. The largest force grows with the span.",
+            f"Members perturbed by {self.size:g}, dt = {case.dt:g}: mean ± standard deviation. Off by: difference of "
+            "the means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of "
+            f"the loads{over}. The largest force grows with the span. Half of the contacts last longer than the median "
+            "duration; half of the time in contact is spent in those that last longer than the half-time duration.",
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
@@ -178,9 +163,13 @@ class Ensemble(Study):
             axis.locator_params(axis="x", nbins=4)
         for i, (name, title) in enumerate((("force", "peak forces of impacts"), ("duration", "durations of contacts"))):
             axis = figure.add_subplot(grid[1, 3 * i : 3 * i + 3])
-            for method, _, rows in groups if name in table else ():
-                style: Any = look(method) | {"marker": "", "lw": 1.1}
-                axis.plot(rows[name], rows.level, label=short(method), **style)
+            drawn = table[table[name].notna()] if name in table else table[:0]
+            for k, (n, rows) in enumerate(drawn.groupby("contact_number")):
+                lines(axis, rows, name, "level", "method", marker="")
+                if several:
+                    at = rows.iloc[1 + 3 * k]  # at the foot of its lines, one contact above the other
+                    axis.annotate(f"at contact {n:g}", (at[name], at.level), xytext=(6, -3),
+                                  textcoords="offset points", fontsize=8)  # fmt: skip
             log_scale(axis, y=False)
             axis.set(title=title, xlabel=labels[name], ylabel=labels["level"] if i == 0 else "", ylim=(0.0, 1.0))
         shared_legend(figure, 5)
@@ -189,28 +178,21 @@ class Ensemble(Study):
 def _distributions(number: int, impacts: Any) -> list[Row]:
     """The distributions of durations and peak forces over all contacts of all members."""
     closed, peaks = (np.sort(x[np.isfinite(x)]) for x in (impacts.durations, impacts.peaks))
-    rows: list[Row] = [{"kind": "quantile", "level": float(q)} for q in LEVELS]
-    for name, values in (("duration", closed), ("force", peaks)):
-        for row, value in zip(rows, np.quantile(values, LEVELS) if len(values) else (), strict=False):
-            row[name] = float(value)
+    shared = {"contact_number": number}
+    levels = {name: np.quantile(x, LEVELS) for name, x in (("duration", closed), ("force", peaks)) if len(x)}
+    rows: list[Row] = pd.DataFrame(shared | {"kind": "quantile", "level": LEVELS} | levels).to_dict("records")
     if len(closed):
-        rows.append({"kind": "summary", "median": float(np.median(closed)), "half_time": half_time(closed)})
-    return [{"contact_number": number} | row for row in rows]
+        spent = np.cumsum(closed)  # from the shortest contact on
+        half_time = float(closed[np.searchsorted(spent, 0.5 * spent[-1])])
+        rows.append(shared | {"kind": "summary", "median": float(np.median(closed)), "half_time": half_time})
+    return rows
 
 
-def half_time(durations: Array) -> float:
-    """The duration of the contact in which half of the time in contact is reached, from the shortest on."""
-    durations = np.sort(durations)
-    spent = np.cumsum(durations)
-    return float(durations[np.searchsorted(spent, 0.5 * spent[-1])])
-
-
-def distribution(table: Table, method: str, quantity: str) -> Array:
-    """The values of ``quantity``, of one contact, over the members that reached the end and have it. A rigid stop has
-    a largest force, 0, only where nothing touches it, which is no distribution."""
-    rows = table[(table.kind == "member") & (table.method == method)]
-    rows = rows[~rows.diverged.astype(bool)]
-    values = rows[quantity].to_numpy(float) if quantity in rows else np.zeros(0)
+def distribution(rows: Table, quantity: str) -> Array:
+    """The values of ``quantity`` over the members of one method, at one contact, that reached the end and have it. A
+    rigid stop has a largest force, 0, only where nothing touches it, which is no distribution."""
+    members = rows[(rows.kind == "member") & ~rows.diverged.fillna(True).astype(bool)]
+    values = members[quantity].to_numpy(float) if quantity in rows else np.zeros(0)
     known = np.isfinite(values)
     return values[known & (np.all(known) | (quantity != "peak_force"))]
 
@@ -220,16 +202,10 @@ def difference(a: Array, b: Array) -> tuple[float, float]:
     off = float(np.mean(a) - np.mean(b))
     if min(len(a), len(b)) < 2:
         return off, float("nan")
-    of_means = [np.var(x, ddof=1) / len(x) for x in (a, b)]
-    variance = sum(of_means)
-    if not variance:
+    if np.ptp(a) == np.ptp(b) == 0.0:
         return off, 0.0
-    freedom = 1.0 / sum((v / variance) ** 2 / (len(x) - 1) for v, x in zip(of_means, (a, b), strict=True))
-    return off, float(student.ppf(0.975, freedom) * np.sqrt(variance))
-
-
-def _mean(values: Array) -> float:
-    return float(np.mean(values)) if len(values) else float("nan")
+    interval = ttest_ind(a, b, equal_var=False).confidence_interval()
+    return off, float(interval.high - interval.low) / 2.0
 
 
 def _spread(values: Array, digits: int = 3) -> str:
@@ -244,7 +220,7 @@ def _dots(axis: Axes, groups: list[tuple[str, str, Table]], quantity: str, scale
     """Every member as a dot in its line, the mean as a bar, the exact mean right through."""
     jitter = np.random.default_rng(0)
     for i, (method, _, rows) in enumerate(groups):
-        values, colour = scale * distribution(rows, method, quantity), look(method)["color"]
+        values, colour = scale * distribution(rows, quantity), look(method)["color"]
         if len(values):
             heights, mean = i + jitter.uniform(-0.28, 0.28, len(values)), float(np.mean(values))
             axis.plot(values, heights, ".", ms=3, color=colour, alpha=0.45)

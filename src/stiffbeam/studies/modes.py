@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
 from ..basics.arrays import Array
 from ..basics.text import several
-from ..figures.chart import log_scale, look, shared_legend, short, signed_log
+from ..figures.chart import Figure, log_scale, look, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors
@@ -18,9 +18,6 @@ from ..measures.frequencies import without_contact
 from ..model.modes import modes, undamped_modes
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ROUNDING = 1e-12
 QUANTITIES = (  # with the size below which the axis is linear
@@ -98,9 +95,9 @@ class Modes(Study):
             "damping ratio": first.damping_ratio.map(damped).to_numpy(),
         })  # fmt: skip
         off = [float(np.nanmax(_distances(measured, name))) for name, *_ in QUANTITIES]
-        left = len(table) - len(measured)
-        short_lived = f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period."
-        notes = [short_lived] * (left > 0)
+        notes, left = list[str](), len(table) - len(measured)
+        if left:
+            notes.append(f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period.")
         for label, scheme in base.chosen_schemes(case, self.schemes).items():
             limit = amplification(scheme, STEPS).stable_to
             if np.isfinite(limit):

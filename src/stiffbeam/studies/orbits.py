@@ -12,15 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import numpy as np
 import pandas as pd
 
+from ..basics.text import several
 from ..basics.units import with_unit
 from ..basics.validation import InputError
-from ..figures.chart import panel_legend, tip_name, tip_symbol
+from ..figures.chart import Figure, panel_legend, tip_text
 from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
@@ -28,9 +30,6 @@ from ..trajectory.trajectory import SolverFailure
 from . import base
 from .base import Answer, Row, Study, Table, option
 from .sweep import drive_period, named, setup_of, values_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SETTLE, AGAIN, STARTS = 60, 7, 3  # periods before the first search, between searches; searches at a value
 STEPS = (20, 50)  # least and most values of a branch
@@ -74,18 +73,20 @@ class Orbits(Study):
         along = values_of(self.parameter, self.values, self.count, period)
         if min(along) == max(along):
             raise InputError("values", along, "span a range", "for example 8:14:60")
-        branch: Row = {
-            "parameter": self.parameter, "form": self.form or case.forms[0], "length": self.length,
-            "limits": [min(along), max(along)], "steps": int(np.clip(len(along), *STEPS)),
-        }  # fmt: skip
-        for end in (min(along), max(along)):
-            require_periodic(*_maker(case, branch)(end))
-        return [branch]
+        limits = [min(along), max(along)]
+        for end in limits:
+            require_periodic(*self._at(case.system(self.form), end))
+        return [{"limits": limits, "count": int(np.clip(len(along), *STEPS))}]
 
-    def run(self, case: Case, **point: Any) -> list[Row]:
+    def _at(self, system: System, value: float) -> tuple[System, float]:
+        """System and period of the orbit at a value."""
+        setup = setup_of(system, self.parameter, value)
+        return setup.system, self.length * setup.period
+
+    def run(self, case: Case, limits: list[float], count: int) -> list[Row]:
         """Rows of the branch with its changes of stability."""
-        make, name, (low, high) = _maker(case, point), point["parameter"], point["limits"]
-        grid, reason = np.linspace(low, high, point["steps"]).tolist(), ""
+        make, name, (low, high) = partial(self._at, case.system(self.form)), self.parameter, limits
+        grid, reason = np.linspace(low, high, count).tolist(), ""
         for value, first in _starts(make, np.linspace(low, high, 3)[[1, 0, 2]].tolist()):
             if isinstance(first, str):
                 reason = reason or first
@@ -94,7 +95,7 @@ class Orbits(Study):
             down, *ends = follow(make, [value, *(x for x in reversed(grid) if x < value)], first)
             up, end = follow(make, [value, *(x for x in grid if x > value)], first)
             branch = [*reversed(down[1:]), *up]
-            rows = [row for k, (x, orbit) in enumerate(branch) for row in _rows(name, k, x, orbit, point["length"])]
+            rows = [row for k, (x, orbit) in enumerate(branch) for row in _rows(name, k, x, orbit, self.length)]
             rows += [{"kind": "change", name: x, **rest} for x, rest in _changes(make, branch)]
             return rows + [{"kind": "end", "reason": text} for text in (*ends, end) if text]
         return [{"kind": "end", "reason": reason}]
@@ -105,8 +106,7 @@ class Orbits(Study):
         ends = [row["reason"] for row in _of_kind(table, "end")]
         if not orbits:
             return Answer(f"No orbit was found: {'; '.join(ends)}.")
-        name, first = self.parameter, [row for row in orbits if row["phase"] == 0]
-        length = self.length
+        name = self.parameter
 
         def value(row: Row, digits: int) -> str:
             return f"{row[name]:.{digits if row['located'] else 4}g}"
@@ -117,10 +117,10 @@ class Orbits(Study):
             for row in changes[:TOLD]
         )
         said += f"; {len(changes) - TOLD} more changes" if len(changes) > TOLD else ""
-        low, high = (pick(row[name] for row in first) for pick in (min, max))
+        low, high = (pick(row[name] for row in orbits) for pick in (min, max))
         return Answer(
-            f"Orbits of {length:g} period{'s' if length != 1 else ''} over {name.replace('-', ' ')} "
-            f"{low:g} to {high:g}: {said or first[0]['stability'] + ' all along'}.",
+            f"Orbits of {several(self.length, 'period')} over {name} {low:g} to {high:g}: "
+            f"{said or orbits[0]['stability'] + ' all along'}.",
             pd.DataFrame(small),
             " ".join(f"The branch ends {reason}." for reason in ends),
         )
@@ -133,7 +133,7 @@ class Orbits(Study):
             above.plot(rows[name], rows.tip, ".", ms=5, color=COLOUR[str(kind)], label=kind)
         for what, rows in table[table.kind == "change"].groupby("what", sort=False) if "what" in table else ():
             above.plot(rows[name], rows.tip, MARKER[str(what)], color="black", ms=6, mfc="none", zorder=4, label=what)
-        tip = with_unit(case.units, f"{tip_name(case.problem)} {tip_symbol(case.problem, 'nT')}".strip(), "length")
+        tip = with_unit(case.units, tip_text(case.problem, t="nT"), "length")
         title = "orbits and the tip once a period $T$ of the drive"
         above.set(title=title, xlabel=named(case, name), ylabel=tip)
         panel_legend(above)
@@ -151,17 +151,6 @@ class Orbits(Study):
 def _of_kind(table: Table, kind: str) -> list[Row]:
     rows = table[table.kind == kind]
     return rows.dropna(axis="columns", how="all").to_dict("records")
-
-
-def _maker(case: Case, point: Row) -> Maker:
-    system = case.system(point["form"])
-    shared = {"parameter": point["parameter"], "dt": None}
-
-    def make(x: float) -> tuple[System, float]:
-        setup = setup_of(system, shared, x)
-        return setup.system, point["length"] * setup.period
-
-    return make
 
 
 def _starts(make: Maker, values: Sequence[float]) -> Iterator[tuple[float, Orbit | str]]:
@@ -212,12 +201,8 @@ def _next(make: Maker, branch: Branch, value: float) -> Orbit:
     found = periodic_orbit(*make(value), (predicted[:n], predicted[n:]))
     away = float(np.max(np.abs(np.concatenate([found.q, found.v]) - predicted) / scale))
     if away > max(FAR * float(np.max(np.abs(ahead) / scale)), JUMP if len(states) == 1 else 1e-2 * JUMP):
-        raise SolverFailure(
-            "periodic_orbit",
-            value,
-            "no orbit is close to the last one, as past a fold or a grazing",
-            "take closer values",
-        )
+        reason = "no orbit is close to the last one, as past a fold or a grazing"
+        raise SolverFailure("periodic_orbit", value, reason, "take closer values")
     return found
 
 

@@ -6,7 +6,7 @@ A compliant stop reverses the tip in half a period of the spring, a rigid one at
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -14,16 +14,13 @@ import pandas as pd
 from ..basics.arrays import Array
 from ..basics.units import with_unit
 from ..basics.validation import InputError
-from ..figures.chart import log_scale, style_of
+from ..figures.chart import Figure, log_scale, style_of
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.report import percent
 from ..references.exact.solution import solve_exact
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SAMPLES = 4000
 PANELS = {"tip_error": "the tip", "impact_time_error": "impact times", "impulse_error": "the first impulse",
@@ -54,14 +51,12 @@ class Rigid(Study):
         """A point for each stiffness."""
         system = case.system(self.form)
         if len(system.contacts) != 1:
-            count = f"{len(system.contacts)} contacts"
-            remedy = "keep the stops at one place"
-            raise InputError("case", count, "have stops at one place, neither none nor several", remedy)
+            rule, remedy = "have stops at one place, neither none nor several", "keep the stops at one place"
+            raise InputError("case", f"{len(system.contacts)} contacts", rule, remedy)
         system.contacts[0].stops.require_linear("a limit of rigid stops")
         if system.contacts[0].offset is not None:
-            raise InputError(
-                "stops", "moving ones", "be at rest for rigid stops", "their limit is known without motion"
-            )
+            remedy = "their limit is known without motion"
+            raise InputError("stops", "moving ones", "be at rest for rigid stops", remedy)
         if system.damped:
             viscosity = 0.0 if case.problem is None else case.problem.viscosity
             name, value = ("viscosity", viscosity) if viscosity else ("damping", "a matrix that is not 0")

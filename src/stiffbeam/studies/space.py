@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
 from ..basics.validation import InputError
-from ..figures.chart import log_scale, mark_order, panel_legend, style_of
+from ..figures.chart import Axes, Figure, log_scale, mark_order, panel_legend, style_of
 from ..files.cases import Case
 from ..measures.errors import Order, impact_times, tip_error
 from ..measures.frequencies import steady_state, without_contact
@@ -18,10 +18,6 @@ from ..model.modes import modes
 from ..model.time_functions import Harmonic
 from . import base
 from .base import Answer, Row, Study, Table, option
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SAMPLES = 2000
 TITLES = {"frequency": "natural frequencies, against the beam", "response": "driven tip, no contact"}
@@ -86,18 +82,15 @@ class Space(Study):
         end = 0.5 * float(times[n - 1] + times[n]) if len(times) > n else span
         end = min(end, fine.horizon, coarse.horizon)
         t = np.linspace(0.0, end, SAMPLES)
-        return [
-            {"quantity": "tip to the end of the first impacts", "value": end,
-             "error": tip_error(coarse.at(t)[0], fine.at(t)[0]).max},
-            *(
-                {"quantity": f"first impact's {name}{f' at contact {i}' if len(fine.contacts) > 1 else ''}",
-                 "value": float(x[0]), "error": float(abs(x[0] / y[0] - 1.0))}
-                for i, (a, b) in enumerate(zip(coarse.contacts, fine.contacts, strict=True))
-                for name, column in (("time", "times"), ("peak force", "peaks"), ("impulse", "impulses"))
-                for x, y in [(getattr(a.impacts, column), getattr(b.impacts, column))]
-                if len(x) and len(y)
-            ),
-        ]  # fmt: skip
+        error = tip_error(coarse.at(t)[0], fine.at(t)[0]).max
+        rows: list[Row] = [{"quantity": "tip to the end of the first impacts", "value": end, "error": error}]
+        for i, (a, b) in enumerate(zip(coarse.contacts, fine.contacts, strict=True)):
+            place = f" at contact {i}" if len(fine.contacts) > 1 else ""
+            for name, column in (("time", "times"), ("peak force", "peaks"), ("impulse", "impulses")):
+                x, y = getattr(a.impacts, column), getattr(b.impacts, column)
+                if len(x) and len(y):
+                    rows.append(_row(f"first impact's {name}{place}", float(x[0]), float(y[0])))
+        return rows
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The observed orders in h, form by form, and the errors on the grid that is next to the case's."""
@@ -156,10 +149,12 @@ def _frequencies(case: Case, form: str, count: int) -> list[Row]:
     system = case.system(form)
     basis = modes(replace(without_contact(system), damping=np.zeros_like(system.damping)))
     assert basis is not None
-    return [
-        {"quantity": f"frequency {i + 1}", "value": float(w), "error": float(abs(w / exact - 1.0))}
-        for i, (w, exact) in enumerate(zip(basis.omega, natural_frequencies(case.beam, count), strict=False))
-    ]
+    pairs = zip(basis.omega.tolist(), natural_frequencies(case.beam, count), strict=False)
+    return [_row(f"frequency {i}", value, float(exact)) for i, (value, exact) in enumerate(pairs, 1)]
+
+
+def _row(quantity: str, value: float, exact: float) -> Row:
+    return {"quantity": quantity, "value": value, "error": abs(value / exact - 1.0)}
 
 
 def _response(case: Case, form: str) -> list[Row]:

@@ -13,16 +13,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
 
 from ..basics.arrays import Array, content
 from ..basics.units import unit_of, with_unit
-from ..basics.validation import InputError, number, positive
-from ..figures.chart import dashed, log_scale, look, tip_name, tip_symbol
+from ..basics.validation import InputError, number
+from ..figures.chart import Axes, Figure, dashed, log_scale, look, tip_text
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
@@ -40,12 +40,8 @@ from ..trajectory.trajectory import Diverged, SolverFailure
 from . import base
 from .base import Answer, Row, Study, Table, option
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 EXACT = "exact"
-LOG_RANGE = 30.0  # ratio of values from which on their axis, or the colours of their map, are logarithmic
+LOG_RANGE = 30.0  # ratio of values from which on their axis is logarithmic
 LONGEST = 8  # periods of the drive that a motion may take to repeat itself and still be called periodic
 SAME = 1e-3  # of the motion's size at each value: section points closer than this are one
 REST = 1e-6  # of the largest motion: a smaller one has this size
@@ -99,13 +95,11 @@ class Sweep(Study):
             raise InputError("parameter", parameter, "be another one for a case without a period", remedy)
         values = values_of(parameter, self.values, self.count, period)
         transient = 0 if once else self.transient
-        shared = {
-            "parameter": parameter, "method": method, "form": self.form or case.forms[0],
-            "contact": self.contact, "dt": None if method == EXACT else case.dt,
-            "periods": 1 if once else self.periods, "transient": transient,
-        } | ({"t_end": case.t_end} if once else {})  # fmt: skip
+        shared: Row = {"method": method, "dt": None if method == EXACT else case.dt,
+                       "periods": 1 if once else self.periods, "transient": transient}  # fmt: skip
+        shared |= {"t_end": case.t_end} if once else {}
         # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
-        ends = [setup_of(nominal, shared, value) for value in (min(values), max(values))]
+        ends = [setup_of(nominal, parameter, x, shared["dt"], shared.get("t_end")) for x in (min(values), max(values))]
         if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
             try:
                 refuse(ends[0].system, transient * ends[0].period)
@@ -116,24 +110,34 @@ class Sweep(Study):
         return [{**shared, "values": values[i : i + size]} for i in range(0, len(values), size)]
 
     def run(self, case: Case, values: list[float], **point: Any) -> list[Row]:
-        """Rows of every value and method of this point; a value that is refused gives a row with the reason."""
+        """Rows of every value of this point; a value that is refused gives a row with the reason."""
         system, scheme = case.system(self.form), scheme_of(case, self.method or point["method"])
         rows: list[Row] = []
         groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
         for value in values:
             named: Row = {self.parameter: value}
             try:
-                setup = setup_of(system, point, value)
+                setup = setup_of(system, self.parameter, value, point["dt"], point.get("t_end"))
                 groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if scheme else {}), setup))
             except InputError as error:
                 rows.append(named | {"lost": str(error)})
         for group in groups.values():
             try:
-                many = _march(point, scheme, [setup for _, setup in group])
+                many = self._march(point, scheme, [setup for _, setup in group])
                 rows += [row for i, (named, _) in enumerate(group) for row in _rows(point, named, many, i)]
             except (InputError, SolverFailure) as error:
                 rows += [named | {"lost": str(error)} for named, _ in group]
         return rows
+
+    def _march(self, point: Row, scheme: Scheme | None, setups: list[Setup]) -> Ensemble:
+        """Setups of one kind, with the tip at every period."""
+        first, systems = setups[0], [setup.system for setup in setups]
+        t = first.period * np.arange(point["transient"] + point["periods"] + 1)
+        end, since = float(t[-1]), float(t[point["transient"]])
+        if scheme is None:
+            return reference_ensemble(first.system, end, systems, t, since=since)
+        every = round(first.period / first.dt)
+        return integrate_ensemble(first.system, scheme, first.dt, end, systems, self.contact, every, since=since)
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The range of impact counts and peak forces over the values, and where the motion is periodic."""
@@ -175,7 +179,7 @@ class Sweep(Study):
             axis.set(title=label)
             axis.set_ylim(bottom=0.0)
         axes[-1].set_xlabel(named(case, self.parameter))
-        if _decades(table[self.parameter]):
+        if 0.0 < LOG_RANGE * table[self.parameter].min() < table[self.parameter].max():
             log_scale(axes[-1], y=False)
 
     def _section(self, axis: Axes, sections: Table, case: Case) -> None:
@@ -183,20 +187,15 @@ class Sweep(Study):
         dots: dict[str, Any] = {"color": look(str(sections.method.iloc[0]))["color"], "rasterized": True}
         alpha = float(np.clip(2e4 / len(sections), 0.15, 0.9))
         axis.plot(sections[self.parameter], sections.tip, ".", ms=3.0, mew=0.0, alpha=alpha, **dots)
-        tip = with_unit(case.units, f"{tip_name(case.problem)} {tip_symbol(case.problem, 'nT')}".strip(), "length")
+        tip = with_unit(case.units, tip_text(case.problem, t="nT"), "length")
         axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
 
     def _measure(self, axis: Axes, contacts: Table, quantity: str, scale: float) -> None:
         width = 0.7 if contacts[self.parameter].nunique() <= 400 else 0.0  # more points than that are a band
-        parts = _places(contacts)
+        parts = _places(contacts.sort_values(self.parameter))
         for i, (label, rows) in enumerate(parts):
-            rows = rows.sort_values(self.parameter)
-            style: dict[str, Any] = look(str(contacts.method.iloc[0])) | {
-                "marker": ".",
-                "lw": width,
-                "linestyle": dashed(i),
-            }
-            axis.plot(rows[self.parameter], rows[quantity] / scale, label=label.strip(), ms=3.0, **style)
+            style: dict[str, Any] = look(str(contacts.method.iloc[0])) | {"marker": ".", "linestyle": dashed(i)}
+            axis.plot(rows[self.parameter], rows[quantity] / scale, label=label.strip(), ms=3.0, lw=width, **style)
         if len(parts) > 1:
             axis.legend(frameon=False, fontsize=8)
 
@@ -231,18 +230,6 @@ def _transient(system: System, periods: int, parameter: str) -> str:
     return f" Without contact {percent(left)} of a free vibration is left after that transient: raise transient."
 
 
-def _march(point: Row, scheme: Scheme | None, setups: list[Setup]) -> Ensemble:
-    """Setups of one kind, with the tip at every period."""
-    first, systems = setups[0], [setup.system for setup in setups]
-    t = first.period * np.arange(point["transient"] + point["periods"] + 1)
-    since = float(t[point["transient"]])
-    if scheme is None:
-        return reference_ensemble(first.system, float(t[-1]), systems, t, since=since)
-    every = round(first.period / first.dt)
-    contact = point["contact"]
-    return integrate_ensemble(first.system, scheme, first.dt, float(t[-1]), systems, contact, every, since=since)
-
-
 def _rows(point: Row, named: Row, many: Ensemble, i: int) -> list[Row]:
     """Return the rows of member i after the transient."""
     if np.isfinite(many.diverged[i]):
@@ -272,12 +259,6 @@ def sections(table: Table, parameter: str) -> dict[float, Array]:
     return {float(value): group.tip.to_numpy(float) for value, group in rows.groupby(parameter)}
 
 
-def sizes(table: Table, parameter: str) -> dict[float, float]:
-    """The size of the motion at every value: the largest of |u| and |u'|/w in its section, w the drive's frequency."""
-    every = table[table.kind == "section"].groupby(parameter)["size"].max()
-    return np.maximum(every, REST * every.max()).to_dict()
-
-
 def repeats_after(section: Array, size: float) -> int | None:
     """The least p <= LONGEST with u(n + p) = u(n) to SAME of ``size`` all along the section; 0 for none, None where the
     section has too few points to rule out one."""
@@ -292,7 +273,9 @@ def _periodicity(table: Table, parameter: str) -> list[str]:
     by_value = sections(table, parameter)
     if not by_value:
         return []
-    size = sizes(table, parameter)
+    # The size of the motion at every value: the largest of |u| and |u'|/w in its section, w the drive's frequency.
+    size = table[table.kind == "section"].groupby(parameter)["size"].max()
+    size = size.clip(lower=REST * size.max())
     repeats = [repeats_after(section, size[value]) for value, section in by_value.items()]
     several, short = sum(p is not None and p > 1 for p in repeats), repeats.count(None)
     words = [
@@ -304,26 +287,7 @@ def _periodicity(table: Table, parameter: str) -> list[str]:
     return words
 
 
-def _decades(values: Any) -> bool:
-    """True for values far apart, which a logarithmic axis shows."""
-    return bool(0.0 < LOG_RANGE * values.min() < values.max())
-
-
 # ---------------------------------------------------------------- parameters, also of orbits
-
-
-def _clearance(system: System, value: float) -> System:
-    """Every stop the system has at this distance from zero."""
-    positive("clearance", value)
-    if not system.contacts:
-        remedy = "vary another parameter, or give the case stops"
-        raise InputError("parameter", "clearance", "be asked of a case with stops", remedy)
-    sides = [
-        {side: sign * value for side, sign in (("lower", -1.0), ("upper", 1.0)) if getattr(x.stops, side) is not None}
-        for x in system.contacts
-    ]
-    moved = (replace(x, stops=replace(x.stops, **to)) for x, to in zip(system.contacts, sides, strict=True))
-    return replace(system, contacts=tuple(moved))
 
 
 @dataclass(frozen=True)
@@ -343,32 +307,6 @@ class Setup:
         return self.dt, self.period, *map(content, arrays)
 
 
-QUANTITIES = {
-    "frequency": "frequency", "clearance": "length", "lower": "length", "upper": "length", "position": "length",
-    "stiffness": "bending stiffness", "viscosity": "bending viscosity",
-}  # fmt: skip
-AT_STOP = {"stiffness": "stop stiffness", "damping": "stop damping", "dissipation": "stop dissipation"}
-
-
-def quantity_of(case: Case, parameter: str) -> str:
-    """Return the quantity of a parameter, whose unit the case knows; "" for one without dimension.
-
-    The amplitude is the base's, else that of the loads.
-    """
-    first, last = re.split(r"[.\[]", parameter)[0], parameter.rpartition(".")[2]
-    at_stop = first in ("contacts", "stops")
-    if at_stop and last in AT_STOP:
-        linear = all(c.stops.exponent == 1.0 for c in case.system(case.forms[0]).contacts)
-        return AT_STOP[last] if linear else ""  # a force per length to the exponent
-    if last != "amplitude":
-        return QUANTITIES.get(last, "")
-    if at_stop or (case.problem is not None and case.problem.base is not None):
-        return "length"
-    loads = () if case.problem is None else case.problem.loads
-    point = {isinstance(load, PointLoad) for load in loads if isinstance(load.time, Harmonic)}
-    return "force" if point == {True} else "force per length" if point == {False} else ""
-
-
 def values_of(parameter: str, values: Sequence[float] | None, count: int, period: float | None) -> list[float]:
     """The values of a parameter, by default ``count`` drive frequencies from 0.7 to 1.3 of the case's."""
     if values is None and parameter == "frequency" and period is not None:
@@ -383,10 +321,10 @@ def scheme_of(case: Case, method: Any) -> Scheme | None:
     return None if method == EXACT else next(iter(base.chosen_schemes(case, [method]).values()))
 
 
-def setup_of(system: System, point: Row, value: float) -> Setup:
-    """Setup with one value on the case's system. Raises InputError for a value that is not possible."""
-    name, dt, whole = point["parameter"], point["dt"], point.get("t_end")
-    system = _clearance(system, value) if name == "clearance" else with_values(system, {name: value})
+def setup_of(system: System, name: str, value: float, dt: float | None = None, whole: float | None = None) -> Setup:
+    """Setup with one value of a parameter on the case's system; dt: of a scheme; whole: t_end of a case without a
+    period. Raises InputError for a value that is not possible."""
+    system = with_values(system, {name: value})
     period = drive_period(system, name) if whole is None else whole
     assert period is not None
     if dt is None:
@@ -413,12 +351,26 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
         return None
 
 
-NAMES = {
-    "frequency": "drive frequency $a$", "amplitude": "drive amplitude $E$", "clearance": "clearance $g$",
-    "stops.stiffness": r"stop stiffness $\kappa$", "stiffness": "bending stiffness", "viscosity": "viscosity",
+LABELS = {  # text and quantity on an axis
+    "frequency": ("drive frequency $a$", "frequency"), "amplitude": ("drive amplitude $E$", ""),
+    "clearance": ("clearance $g$", "length"), "stiffness": ("bending stiffness", "bending stiffness"),
+    "viscosity": ("viscosity", "bending viscosity"), "stops.stiffness": (r"stop stiffness $\kappa$", "stop stiffness"),
+    "stops.damping": ("stop damping", "stop damping"), "stops.dissipation": ("stop dissipation", "stop dissipation"),
 }  # fmt: skip
+LENGTHS = ("lower", "upper", "position")
 
 
-def named(case: Case, name: str) -> str:
+def named(case: Case, path: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
-    return with_unit(case.units, NAMES.get(name, name), quantity_of(case, name))
+    plain = re.sub(r"\[\d+\]", "", path).removeprefix("contacts.")  # of any contact
+    first, last = plain.partition(".")[0], plain.rpartition(".")[2]
+    text, quantity = LABELS.get(plain, ("", "frequency" if last == "frequency" else ""))
+    if last in LENGTHS or (last == "amplitude" and first in ("stops", "base")):
+        quantity = "length"
+    elif last == "amplitude" and case.problem is not None:
+        point = {isinstance(load, PointLoad) for load in case.problem.loads if isinstance(load.time, Harmonic)}
+        quantity = "force" if point == {True} else "force per length" if point == {False} else ""
+        quantity = "length" if first == "amplitude" and case.problem.base is not None else quantity
+    elif quantity.startswith("stop") and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
+        quantity = ""  # a force per length to the exponent
+    return with_unit(case.units, text if path == plain and text else path, quantity)
