@@ -5,6 +5,7 @@ from __future__ import annotations
 import json as json_module
 import os
 import platform
+import re
 import shlex
 import shutil
 import sys
@@ -97,7 +98,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
             say(f"Written: {', '.join(map(str, written)) or 'nothing'}")
         return 0 if written else 1
 
-    run.__doc__ = kind.__doc__
+    run.__doc__ = re.sub(r"``(\w+)``", r"--\1", kind.__doc__ or "")  # a field is an option here
     run.__annotations__["options"] = Annotated[kind | None, Parameter(name="*")]
     return run
 
