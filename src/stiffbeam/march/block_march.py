@@ -13,16 +13,19 @@ from ..basics.arrays import Array, aligned, copied
 from ..basics.resources import afford
 from ..kernels import march as kernel
 from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Progress, Span
+from ..kernels.march import states as single_steps
 from ..model.contact import channel_motion, laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
 from ..model.system import System
+from ..model.time_functions import evaluate
 from ..schemes import Scheme
 from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
+from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, ROW, SIDE
 from ..trajectory.trajectory import SolverFailure
 from .probe import Coordinates, StepMap, independent
-from .propagator import Propagator
+from .propagator import Propagator, by_diagonals
 from .treatment import Treatment, require_giving_way, require_moved
 
 BLOCKS, DENSE = "modal blocks", "dense blocks"
@@ -110,6 +113,37 @@ class Stepper:
     def single(self) -> StepMap:
         """The single step with whole states, for all that a march passes over."""
         return StepMap(self.scheme, self.coordinates, self.dt, reduced=False)
+
+    def run(self, member: System, steps: int, every: int | None, since: int) -> dict[str, Any]:
+        """Fields of the Trajectory of a member, with contacts recorded after step ``since``."""
+        march = March(self, member, steps, every, since)
+        for _ in march.advance():
+            pass
+        return march.fields()
+
+    def ledger(self, member: System, steps: int, outputs: Array) -> Ledger:
+        """Energy balance of every step of a member at the times ``outputs``."""
+        basis = self.coordinates.basis
+        return step_ledger(member, self.states(member, steps, modal=basis is not None), outputs, basis=basis)
+
+    def states(self, member: System, steps: int, modal: bool = False) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """A run at every step, see ``Pieces``; ``modal``: q and q' in the coordinates of the march.
+
+        A second march keeps the state at the start of each block and the forces in it. With known forces the single
+        steps are linear, and are computed from these.
+        """
+        coordinates, m = self.coordinates, len(member.contacts)
+        last = coordinates.start(member.q0, member.v0) if modal else (member.q0, member.v0)
+        node = np.full((1, m), np.nan)  # the forces of the last node
+        for segment in March(self, member, steps, None).advance(replayed=True):
+            y, forces = segment.motion(segment.block.one if segment.block is self.starter else self.single, member)
+            if modal:
+                (q, v), y[:, 0] = y, last
+            else:  # by products of as many rows as there are steps, whose bits do not depend on the threads
+                q, v = (np.concatenate([x[None], z]) for x, z in zip(last, coordinates.states(y[:, 1:]), strict=True))
+            forces = np.concatenate([node, forces])
+            yield (segment.first + np.arange(len(q))) * self.dt, q, v, forces
+            last, node = (q[-1].copy(), v[-1].copy()), forces[-1:]
 
     def launch(self, member: System, since: int) -> Launch:
         """A member at t = 0, with contacts recorded after step ``since``."""
@@ -257,6 +291,33 @@ class Segment:
     steps: int
     starts: Array  # (B, D): the state at the start of each block, where these are kept
     forces: Array  # (B, N)
+
+    def motion(self, one: StepMap, system: System) -> tuple[Array, Array]:
+        """y (2, 1 + steps, N) at the ends of the steps, behind a row for what is before, and the forces (steps, m) that
+        nodes found there, NaN where no node is; ``one``: the scheme's single step."""
+        block, steps, (B, _), K = self.block, self.steps, self.starts.shape, self.block.steps
+        S, m, n, N = len(one.readers.nodes), len(system.contacts), one.coordinates.parts, one.coordinates.rows.shape[1]
+        at_nodes = self.forces[:, : block.block.nodes].reshape(B * K, S, m)
+        # What acts, in the order of a StepMap: the contacts, then the loads, each of them node by node.
+        acting = np.zeros((B * K, (m + len(system.loads)) * S))
+        acting[:, : m * S] = at_nodes.swapaxes(1, 2).reshape(B * K, m * S)
+        times = ((self.first + np.arange(steps))[:, None] + np.array(one.readers.nodes)) * one.dt
+        for i, (_, function) in enumerate(system.loads, start=m):
+            acting[:steps, i * S : (i + 1) * S] = evaluate(function, times)
+        starts, push = block.unpack(self.starts).swapaxes(0, 1).reshape(B, -1), one.push.transpose(2, 1, 0)
+        if n > 1:
+            y = single_steps(
+                by_diagonals(one.transition), push.reshape(-1, n * len(one.keep)), acting[:steps], starts, K
+            )
+        else:  # one matrix for all unknowns: the blocks side by side
+            path, z = (acting @ push[..., 0]).reshape(B, K, -1), starts
+            for k in range(K):
+                path[:, k] += z @ one.transition[0].T
+                z = path[:, k]
+            y = np.pad(path.reshape(B * K, -1, N)[:steps, :2].swapaxes(0, 1), ((0, 0), (1, 0), (0, 0)))
+        # Where no node lies at the end of a step the force there follows from the state.
+        between = m and block.block.end_first[0] >= len(block.block.push)
+        return y, np.full((steps, m), np.nan) if between else at_nodes[:steps, -1]
 
 
 def functions(system: System) -> list[object]:

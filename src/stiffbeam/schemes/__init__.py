@@ -32,7 +32,7 @@ SCHEMES: dict[str, type[Scheme]] = {
     for scheme in (BDF2, SDIRK, HHT, GeneralisedAlpha, Trapezoidal, Bathe, Theta, ExponentialFlow)
 }
 
-# For stops with stiffness=inf only; the schemes in SCHEMES take these stops too.
+# For stops with stiffness=inf, and for these alone.
 RIGID: dict[str, type[RigidScheme]] = {
     scheme.__name__: scheme
     for scheme in (MoreauJean, PaoliSchatzman, ContactStabilisedNewmark, NonsmoothGeneralisedAlpha)

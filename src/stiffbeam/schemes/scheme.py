@@ -187,11 +187,9 @@ def in_interval(field: str, value: Any, low: float, high: float, remedy: str = "
 
 def takes_stops(scheme: Scheme, stops: Iterable[Stops]) -> bool:
     """Return True where ``scheme`` has a law for all these stops: compliance, or for rigid ones restitution or none."""
-    each = list(stops)
-    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
-    if any(one.rigid for one in each):
-        return all((one.restitution is not None) == restitutes for one in each)
-    return not isinstance(scheme, RigidScheme)
+    if isinstance(scheme, RigidScheme):
+        return all(one.rigid and (one.restitution is not None) == scheme.restitutes for one in stops)
+    return not any(one.rigid for one in stops)
 
 
 _KEPT: set[tuple[type, str]] = set()  # the schemes of this package that have been found to keep it
