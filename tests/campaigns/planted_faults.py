@@ -60,7 +60,7 @@ FAULTS = [
     ("march", "trajectory/records.py", "d_input += 0.5 * (f[1:] + f[:-1])", "d_input += 0.5 * (f[1:] + f[1:])"),
     ("march", "trajectory/records.py", "taken -= dissipated", "taken += dissipated"),
     ("march", "trajectory/records.py", "work -= 0.5 * (force[1:] + force[:-1])", "work -= 0.5 * (force[1:] + force[1:])"),
-    ("march", "trajectory/records.py", "either = touching[1:] | touching[:-1]", "either = touching[1:]"),
+    ("march", "trajectory/records.py", "else touching[1:] | touching[:-1]", "else touching[1:]"),
     ("march", "kernels/march.c", "starts + k / K * D", "starts"),
     # marches
     ("march", "trajectory/recorder.py", "rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size", "rows[:, IMPACT_IMPULSE] = 0.5 * dt * size"),

@@ -20,9 +20,20 @@ from ..model.contact_law import jumps as force_jumps
 from ..model.system import System
 from ..model.time_functions import evaluate
 from ..schemes import Scheme
-from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
+from ..trajectory.recorder import (
+    CONTACT,
+    END,
+    IMPACT_IMPULSE,
+    IMPACT_PEAK,
+    ROW,
+    SIDE,
+    end_tallies,
+    forces_at,
+    overflow,
+    record,
+    start_tallies,
+)  # fmt: skip
 from ..trajectory.records import Ledger, step_ledger
-from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, ROW, SIDE
 from ..trajectory.trajectory import SolverFailure
 from .probe import Coordinates, StepMap, independent
 from .propagator import Propagator, by_diagonals
@@ -174,7 +185,7 @@ class March:
 
     every: outputs kept, None for none. positions, velocities: (outputs, C). node_forces: (outputs, m), see Kept; no
     outputs where no force jumps. t: (outputs,), and forces, (outputs, m) of linear stops. events: (impacts, 7), see
-    sampling; of each contact in order of time. tally: (m, 8) of the whole run, at the end.
+    recorder; of each contact in order of time. tally: (m, 8) of the whole run, at the end.
     """
 
     tally: Array

@@ -128,32 +128,41 @@ class ContactComparison:
 class Tables:
     """Views of one comparison or of several: tables and a picture."""
 
-    def _all(self) -> tuple[Comparison, ...]:
+    @property
+    def _all(self: Any) -> tuple[Comparison, ...]:
         """The comparisons in the tables."""
-        raise NotImplementedError
+        return self if isinstance(self, tuple) else (self,)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line a run, the entries of ``Comparison.to_dict`` flat: phase_lag, contact0_run_peak_force and so on;
         units in attrs."""
         import pandas
 
-        frame = pandas.json_normalize([c.records(named=True) for c in self._all()], sep="_")
-        frame.attrs["units"] = list(self._all()[0].units)
+        rows = [c.records() for c in self._all]
+        for row in rows:
+            row |= {name: "; ".join(row[name]) for name in ("units", "missing")}
+            row |= {f"contact{i}": contact for i, contact in enumerate(row.pop("contacts"))}
+        frame = pandas.json_normalize(rows, sep="_")
+        frame.attrs["units"] = list(self._all[0].units)
         return frame
 
     def to_latex(self) -> str:
         """The tables for a paper, by booktabs."""
-        return report(self._all()).latex()
+        options: dict[str, Any] = {"index": False, "escape": True, "position": "ht"}
+        return "\n".join(
+            frame.to_latex(caption=title, column_format="l" + "r" * (len(frame.columns) - 1), **options)
+            for title, frame in report(self._all).tables
+        )
 
     def figure(self) -> Figure:
         """The runs beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
-        return DRAW["comparison"](self._all())
+        return DRAW["comparison"](self._all)
 
     def __str__(self) -> str:
-        return str(report(self._all()))
+        return str(report(self._all))
 
     def _repr_html_(self) -> str:
-        return report(self._all()).html()
+        return report(self._all).html()
 
 
 @dataclass(frozen=True, repr=False)
@@ -222,17 +231,10 @@ class Comparison(Tables):
         inside = steps_to(self.times, time)
         return rms(self.error[:inside], self.times[:inside])
 
-    def _all(self) -> tuple[Comparison, ...]:
-        return (self,)
-
-    def records(self, named: bool = False) -> dict[str, Any]:
-        """All numbers; the contacts as a list, or each under its name in a DataFrame, with texts in place of lists."""
+    def records(self) -> dict[str, Any]:
+        """All fields but ``error``, ``times`` and ``pair``, as dictionaries."""
         records = asdict(replace(self, error=np.zeros(0), times=np.zeros(0), pair=None))
-        rest = {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
-        if named:
-            rest |= {"units": "; ".join(self.units), "missing": "; ".join(self.missing)}
-            rest |= {f"contact{i}": contact for i, contact in enumerate(rest.pop("contacts"))}
-        return rest
+        return {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; NaN becomes None, as JSON has none."""
@@ -245,9 +247,6 @@ class Comparison(Tables):
 
 class Comparisons(Tables, tuple["Comparison", ...]):
     """Several runs against one reference, as one table: a tuple of Comparison."""
-
-    def _all(self) -> tuple[Comparison, ...]:
-        return self
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""

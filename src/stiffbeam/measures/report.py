@@ -124,15 +124,6 @@ class Report:
         before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines) for lines in (self.remarks, self.notes))
         return before + "".join(tables) + after
 
-    def latex(self) -> str:
-        """The tables for a paper, by booktabs."""
-        return "\n".join(
-            frame.style.hide(axis="index").to_latex(
-                hrules=True, caption=title, position="ht", column_format="l" + "r" * (len(frame.columns) - 1)
-            ).replace("%", r"\%").replace("_", r"\_")
-            for title, frame in self.tables
-        )  # fmt: skip
-
 
 def report(
     comparisons: Sequence[Comparison],
