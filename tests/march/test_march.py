@@ -228,7 +228,7 @@ def test_blocks_and_stretches_of_any_length_leave_no_trace(scheme, law, monkeypa
     stops = sb.Stops(-0.002, 0.002, stiffness=1e5, **law)
     system = sb.semidiscretise(replace(BEAM, stops=stops), 6)
     whole = sb.integrate(system, scheme, 1e-3, 0.33)
-    for length in (1, 3, 8):
+    for length in (1, 2, 8):
         with monkeypatch.context() as patch:
             patch.setattr("stiffbeam.march.integrate.block_length", lambda *_, length=length: length)
             same_runs(sb.integrate(system, scheme, 1e-3, 0.33), whole)

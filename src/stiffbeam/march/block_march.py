@@ -39,7 +39,6 @@ from .probe import Coordinates, StepMap, independent
 from .propagator import Propagator, by_diagonals
 from .treatment import Treatment, require_giving_way, require_moved
 
-BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between which Python sees an interruption
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
 NUMBERS_REPLAYED = 1 << 23  # of their states
@@ -100,6 +99,7 @@ class Stepper:
         self, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
     ) -> None:
         self.coordinates, self.scheme, self.dt, self.treatment, self.rule = coordinates, scheme, dt, treatment, rule
+        self.kind = "dense blocks" if coordinates.basis is None else "modal blocks"  # in ``provenance["march"]``
         given, starter = (coordinates, dt), scheme.starter
         # The starter hands over whole states, so that none of its components is left out.
         self.starter = None if starter is None else Propagator(starter, *given, 1, treatment, rule, reduced=False)
@@ -114,11 +114,6 @@ class Stepper:
     def system(self) -> System:
         """The system whose matrices are used."""
         return self.coordinates.system
-
-    @property
-    def kind(self) -> str:
-        """Name of the march in ``provenance["march"]``."""
-        return DENSE if self.coordinates.basis is None else BLOCKS
 
     @cached_property
     def single(self) -> StepMap:
@@ -184,11 +179,9 @@ class March:
     """A run in progress, of the stepper's system or of another member.
 
     every: outputs kept, None for none. positions, velocities: (outputs, C). node_forces: (outputs, m), see Kept; no
-    outputs where no force jumps. t: (outputs,), and forces, (outputs, m) of linear stops. events: (impacts, 7), see
-    recorder; of each contact in order of time. tally: (m, 8) of the whole run, at the end.
+    outputs where no force jumps. t: (outputs,), and forces, (outputs, m) of linear stops. events: (rows, 6), see
+    recorder; of each contact in order of time.
     """
-
-    tally: Array
 
     def __init__(self, stepper: Stepper, system: System, steps: int, every: int | None, since: int = 0) -> None:
         self.stepper, self.system, self.steps, self.every, self.done = stepper, system, steps, every, 0
@@ -238,7 +231,6 @@ class March:
             most = max(1, most // block.steps) * block.steps
             while self.done < self.steps:
                 yield self._segment(block, forcing, min(most, self.steps - self.done), replayed)
-        self._finish()
 
     def forcing(self, block: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of the system."""
@@ -271,26 +263,21 @@ class March:
             reason, remedy = "the forces of several contacts at once were not found", "use a smaller dt, or cvode"
             raise SolverFailure(str(self.stepper.scheme), -diverged * dt, reason, remedy)
         u, v = (np.ascontiguousarray(x[:, tip]) for x in (self.positions, self.velocities))  # of one contact views
-        contacts = []
-        for c, contact in enumerate(self.system.contacts):
-            # The kernel wrote the rows of one contact in order of time.
-            events = self.events[self.events[:, CONTACT] == c] if len(self.tally) > 1 else self.events
-            node_forces, forces = (x[:, c] if len(x) else None for x in (self.node_forces, self.forces))
-            motion = self.positions[:, c], self.velocities[:, c]
-            contacts.append(record(contact.stops, *motion, self.tally[c], events, self.steps, node_forces, forces))
-        when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
-        return {"t": self.t, "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
-
-    def _finish(self) -> None:
-        """Leave open contacts open, and include the forces at start and end."""
-        tally, last = self.state.tally, (self.state.position, self.state.velocity)
+        tally, rows, contacts = self.state.tally, self.events[: self._rows], []
         # An impact that is still open has no peak, impulse or end.
         open_rows = tally[:, ROW][(tally[:, SIDE] != 0.0) & (tally[:, ROW] >= 0.0)].astype(int)
-        if len(open_rows):
-            self.events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
-        self.events = self.events[: self._rows]
-        means = self.stepper.treatment.means
-        self.tally = tally if means else end_tallies(tally, self._launch.law, self.stepper.dt, last)
+        rows[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
+        # Include the forces at start and end.
+        if not self.stepper.treatment.means:
+            tally = end_tallies(tally, self._launch.law, dt, (self.state.position, self.state.velocity))
+        for c, contact in enumerate(self.system.contacts):
+            # The kernel wrote the rows of one contact in order of time.
+            events = rows[rows[:, CONTACT] == c] if len(tally) > 1 else rows
+            node_forces, forces = (x[:, c] if len(x) else None for x in (self.node_forces, self.forces))
+            motion = self.positions[:, c], self.velocities[:, c]
+            contacts.append(record(contact.stops, *motion, tally[c], events, self.steps, node_forces, forces))
+        when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
+        return {"t": self.t, "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ one product with ``reading`` and one with ``transition`` per block, and touches 
 
 from __future__ import annotations
 
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 
@@ -79,11 +79,6 @@ def powers_of(one: StepMap, steps: int, turn: bool) -> list[Array]:
     return levels
 
 
-def power_of(levels: list[Array], steps: int) -> Array:
-    """A^steps: the product of the powers that the binary digits name, in any order."""
-    return reduce(np.matmul, (level for i, level in enumerate(levels) if steps >> i & 1))
-
-
 def repeated(start: Array, levels: list[Array], steps: int) -> Array:
     """start A^j of (n, g, k) for j < steps: (n, steps, g, k)."""
     n, g, k = start.shape
@@ -132,7 +127,7 @@ class Propagator:
         # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
         reading, transition = aligned((D, R)), aligned((k, D))
         reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
-        transition[:] = by_diagonals(power_of(levels, K))
+        transition[:] = by_diagonals(levels[-1])  # K is a power of two
         velocity = flat[:, one.readers.end_rates].swapaxes(0, 1)
         # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
         nodes, N = K * S * m, entries.nodes

@@ -15,8 +15,8 @@ from ..model.modes import modes
 from ..model.system import System
 from ..model.time_functions import TimeFunction, evaluate, offset_rate, offset_values
 from ..schemes import RigidScheme
-from ..schemes.scheme import AHEAD, POSITION, RESTITUTED, VELOCITY
-from ..schemes.scheme import WHERE_CLOSED as CONDITION
+from ..schemes.rigid import AHEAD, POSITION, RESTITUTED, VELOCITY
+from ..schemes.rigid import WHERE_CLOSED as CONDITION
 from ..trajectory.recorder import reaction_counts
 from ..trajectory.records import ContactRecord, Ledger, step_ledger
 from .block_march import initial_channels

@@ -9,18 +9,18 @@ from .bdf2 import BDF2 as BDF2
 from .conserving import ExponentialFlow as ExponentialFlow
 from .conserving import Theta as Theta
 from .conserving import Trapezoidal as Trapezoidal
-from .contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
 from .misprints import PrintedSigma as PrintedSigma
 from .misprints import PrintedStageMatrix as PrintedStageMatrix
 from .misprints import UnweightedHHT as UnweightedHHT
-from .moreau_jean import MoreauJean as MoreauJean
 from .newmark import HHT as HHT
 from .newmark import GeneralisedAlpha as GeneralisedAlpha
-from .nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
-from .paoli_schatzman import PaoliSchatzman as PaoliSchatzman
-from .scheme import RigidScheme as RigidScheme
+from .rigid import ContactStabilisedNewmark as ContactStabilisedNewmark
+from .rigid import MoreauJean as MoreauJean
+from .rigid import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
+from .rigid import PaoliSchatzman as PaoliSchatzman
+from .rigid import RigidScheme as RigidScheme
+from .rigid import takes_stops as takes_stops
 from .scheme import Scheme as Scheme
-from .scheme import takes_stops as takes_stops
 from .sdirk import GAMMA_THIRD_ORDER as GAMMA_THIRD_ORDER
 from .sdirk import SDIRK as SDIRK
 
