@@ -83,9 +83,9 @@ class RigidStepper:
             y = np.moveaxis(path.reshape(count, *shape)[:, :2], 1, 0).copy()
             # Each node counts by the momentum that its reaction brings in the end.
             ends = *coordinates.states(y), np.einsum("s,ksc->kc", self.weights, reactions)
-            rows = [np.concatenate(both) for both in zip(last, ends, strict=True)]
-            yield t, *rows
-            last = [x[-1:] for x in rows]
+            q, v, means = (np.concatenate(both) for both in zip(last, ends, strict=True))
+            yield t, q, v, means
+            last = q[-1:], v[-1:], means[-1:]
 
     def _linear(self, member: System) -> tuple[Linear, Array, Array]:
         """The step as arrays, and what unit loads at nodes add to the state, (L S, D), and to the arguments,

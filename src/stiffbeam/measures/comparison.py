@@ -23,7 +23,7 @@ from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
-from .report import report
+from .report import Report
 
 if TYPE_CHECKING:
     import pandas
@@ -151,7 +151,7 @@ class Tables:
         options: dict[str, Any] = {"index": False, "escape": True, "position": "ht"}
         return "\n".join(
             frame.to_latex(caption=title, column_format="l" + "r" * (len(frame.columns) - 1), **options)
-            for title, frame in report(self._all).tables
+            for title, frame in Report(self._all).tables
         )
 
     def figure(self) -> Figure:
@@ -159,10 +159,10 @@ class Tables:
         return DRAW["comparison"](self._all)
 
     def __str__(self) -> str:
-        return str(report(self._all))
+        return str(Report(self._all))
 
     def _repr_html_(self) -> str:
-        return report(self._all).html()
+        return Report(self._all).html()
 
 
 @dataclass(frozen=True, repr=False)

@@ -4,25 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .bathe import Bathe as Bathe
-from .bdf2 import BDF2 as BDF2
-from .conserving import ExponentialFlow as ExponentialFlow
-from .conserving import Theta as Theta
-from .conserving import Trapezoidal as Trapezoidal
-from .misprints import PrintedSigma as PrintedSigma
-from .misprints import PrintedStageMatrix as PrintedStageMatrix
-from .misprints import UnweightedHHT as UnweightedHHT
-from .newmark import HHT as HHT
-from .newmark import GeneralisedAlpha as GeneralisedAlpha
-from .rigid import ContactStabilisedNewmark as ContactStabilisedNewmark
-from .rigid import MoreauJean as MoreauJean
-from .rigid import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
-from .rigid import PaoliSchatzman as PaoliSchatzman
-from .rigid import RigidScheme as RigidScheme
+from .bathe import Bathe
+from .bdf2 import BDF2
+from .conserving import ExponentialFlow, Theta, Trapezoidal
+from .misprints import PrintedSigma, PrintedStageMatrix, UnweightedHHT
+from .newmark import HHT, GeneralisedAlpha
+from .rigid import ContactStabilisedNewmark, MoreauJean, NonsmoothGeneralisedAlpha, PaoliSchatzman, RigidScheme
 from .rigid import takes_stops as takes_stops
-from .scheme import Scheme as Scheme
+from .scheme import Scheme
 from .sdirk import GAMMA_THIRD_ORDER as GAMMA_THIRD_ORDER
-from .sdirk import SDIRK as SDIRK
+from .sdirk import SDIRK
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..model.system import System
 
 # A run at every step in pieces that share end points: times (k + 1,), q (k + 1, n), q' (k + 1, n), forces (k + 1, m).
-# Forces of rigid stops are the mean reactions of the steps that end there, NaN in the first row of a piece.
+# Forces of rigid stops are the mean reactions of the steps that end there. NaN where no force is known.
 Pieces = Callable[[], Iterator[tuple[Array, Array, Array, Array]]]
 
 
@@ -211,17 +211,15 @@ class Trajectory(Saved):
         if self.pieces is None:
             reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             raise InputError("states", reason, "come from a run", "integrate again, or pass states")
-        wanted = np.arange(len(self.t)) * int(self.provenance.get("every", 1))
-        q, v, first = [], [], 0
-        for times, q_piece, v_piece, _ in self.pieces():
-            here = wanted[(wanted >= first) & (wanted < first + len(times))] - first
+        every, kept, first = int(self.provenance.get("every", 1)), [], 0
+        for t, q, v, _ in self.pieces():
             # Pieces share end points: the first row of a later one is there already.
-            if first:
-                here = here[here > 0]
-            q.append(q_piece[here])
-            v.append(v_piece[here])
-            first += len(times) - 1
-        return np.concatenate(q), np.concatenate(v)
+            begin = first + 1 if first else 0
+            rows = slice(-(-begin // every) * every - first, None, every)
+            kept.append((q[rows], v[rows]))
+            first += len(t) - 1
+        q, v = (np.concatenate(x) for x in zip(*kept, strict=True))
+        return q, v
 
     @property
     def has_energy(self) -> bool:
