@@ -25,7 +25,7 @@ FAULTS = [
     ("march", "kernels/march.c", "x->before[c] = pushed(s, f, first, i + m, i + c)",
      "x->before[c] = pushed(s, f, first, i, i + c)"),
     ("march", "kernels/march.c", "for (int e = 0; e < i; e++) r += force[e]", "for (int e = 1; e < i; e++) r += force[e]"),
-    ("march", "march/block_march.py", "law, first, (u, v) = laws(member.contacts)", "law, first, (u, v) = laws(self.system.contacts)"),
+    ("march", "march/block_march.py", "law, (u, v) = laws(member.contacts)", "law, (u, v) = laws(self.system.contacts)"),
     ("march", "march/block_march.py", "own or functions(system) == functions(stepper.system)", "True"),
     ("march", "kernels/march.c", "drive_at(drive, (double)at * run->dt, g)", "drive_at(drive, (double)(at + 1) * run->dt, g)"),
     ("march", "kernels/march.c", "Int first_output(const Run *r, Int at) { return r->every - 1 - at % r->every; }",

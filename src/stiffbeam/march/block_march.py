@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -70,20 +70,6 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
     # matrix is read at half the speed of that product.
     doublings = min(np.log2(min(longest, 2.0 * steps / D)), LARGEST / D**2 - 2.0)
     return 2 ** max(0, int(doublings))
-
-
-class Launch(NamedTuple):
-    """A run at t = 0, before the first step. A march copies what it changes."""
-
-    law: Array  # (m, 6)
-    position: Array  # (C,)
-    velocity: Array
-    tally: Array  # (m, 8)
-    events: Array  # (rows, 7): the contacts that are there
-    start: Array  # (2, N): y in the coordinates
-    z: Array  # the packed state of the first propagator
-    force: Array  # (m,) of the contacts
-    jumps: bool  # True where the force of a stop jumps
 
 
 class Stepper:
@@ -151,27 +137,26 @@ class Stepper:
             yield (segment.first + np.arange(len(q))) * self.dt, q, v, forces
             last, node = (q[-1].copy(), v[-1].copy()), forces[-1:]
 
-    def launch(self, member: System, since: int) -> Launch:
-        """A member at t = 0, with contacts recorded after step ``since``."""
-        law, first, (u, v) = laws(member.contacts), self.starter or self.block, initial_channels(member)
+    def launch(self, member: System, since: int) -> tuple[Progress, Array, Array]:
+        """A member at t = 0, with contacts recorded after step ``since``; rows of the contacts that are there, and y in
+        the coordinates. A march copies what it changes."""
+        law, (u, v) = laws(member.contacts), initial_channels(member)
         tally, events = start_tallies(u, v, law, self.dt, self.treatment.means, since)
         start = self.coordinates.start(member.q0, member.v0)
-        z = self.packed(first, [start], self.force(member, 0.0, (u, v), law))
+        begun = Progress(law, np.zeros(0), u, v, tally, np.zeros(1, np.int64))
+        begun = begun._replace(z=self.packed(self.starter or self.block, member, 0.0, [start], begun))
         # Where a force jumps at its stop, every node must yield to it.
-        jumping = bool(np.any(force_jumps(all_laws(law))))
-        for each in (self.starter, self.block) if jumping else ():
+        for each in (self.starter, self.block) if jumping(law) else ():
             if each is not None:
                 require_moved(each.one.scheme, each.compliances[0])
-        return Launch(law, u, v, tally, events, start, z, forces_at(u, v, law), jumping)
+        return begun, events, start
 
-    def force(self, member: System, t: float, motion: tuple[Array, Array], law: Array) -> Array:
-        """Load plus contact force of a member at time t, (N,)."""
-        total = self.coordinates.load(member, t)
+    def packed(self, propagator: Propagator, member: System, t: float, history: list[Array], now: Progress) -> Array:
+        """The state of the propagator's scheme at time t from the past y, newest first, packed."""
+        force = self.coordinates.load(member, t)
         # Of a treatment with means over a step no force is there at a time.
-        return total if self.treatment.means else total + forces_at(*motion, law) @ self.coordinates.columns
-
-    def packed(self, propagator: Propagator, history: list[Array], force: Array) -> Array:
-        """The state of the propagator's scheme under a force (N,), packed."""
+        if not self.treatment.means:
+            force = force + forces_at(now.position, now.velocity, now.law) @ self.coordinates.columns
         return propagator.pack(propagator.one.scheme.initial(self.coordinates.equation, history, force))
 
 
@@ -188,31 +173,30 @@ class March:
         own, m = system is stepper.system, len(system.contacts)
         # Equal loads and offsets: the response to the drive is computed once for all members.
         self._alike = own or functions(system) == functions(stepper.system)
-        self._launch = launch = stepper.own_launch if own and not since else stepper.launch(system, since)
-        z, u, v, tally = (copied(x) for x in (launch.z, launch.position, launch.velocity, launch.tally))
-        self.state = Progress(launch.law, z, u, v, tally, np.zeros(1, np.int64))
+        launched = stepper.own_launch if own and not since else stepper.launch(system, since)
+        (law, z, u, v, tally, _), begun, self._start = launched
+        z, u, v, tally = map(copied, (z, u, v, tally))
+        self.state = Progress(law, z, u, v, tally, np.zeros(1, np.int64))
         kept = 0 if every is None else steps // every + 1
-        self.t, (self.positions, self.velocities) = np.empty(kept), np.empty((2, kept, len(launch.position)))
+        self.t, (self.positions, self.velocities) = np.empty(kept), np.empty((2, kept, len(u)))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
-        self.node_forces = np.full((kept if launch.jumps else 0, m), np.nan)
+        self.node_forces = np.full((kept if jumping(law) else 0, m), np.nan)
         self.forces = np.empty((kept if stepper.rule == LINEAR else 0, m))
         if kept:
-            self.positions[0], self.velocities[0], self.t[0] = launch.position, launch.velocity, 0.0
+            self.positions[0], self.velocities[0], self.t[0] = u, v, 0.0
         if len(self.forces):
-            self.forces[0] = launch.force
+            self.forces[0] = forces_at(u, v, law)
         # Room for 64 to 1088 impacts; ``_segment`` lengthens the list when it is full.
-        self._rows = len(launch.events)
-        self.events = np.empty((self._rows + 64 + min(1024, steps // 16), EVENT))
-        self.events[: self._rows] = launch.events
+        self._rows = len(begun)
+        self.events = np.concatenate([begun, np.empty((64 + min(1024, steps // 16), EVENT))])
 
     def advance(self, replayed: bool = False) -> Iterator[Segment]:
         """March to the end by the segments that are yielded; ``replayed``: with what computes them again."""
         stepper, scheme = self.stepper, self.stepper.scheme
-        history = [self._launch.start]
+        history = [self._start]
         # A multistep scheme begins with its starter, step by step; the states are its history, newest first.
         if stepper.starter is not None:
-            one = stepper.starter
-            forcing = self.forcing(one)
+            one, forcing = stepper.starter, self.forcing(stepper.starter)
             for _ in range(min(self.steps, scheme.history - 1)):
                 yield self._segment(one, forcing, 1, replayed)
                 history.insert(0, one.unpack(self.state.z)[:2])
@@ -220,9 +204,8 @@ class March:
             block = stepper.block
             # The scheme's state follows from that history.
             if self.done:
-                motion = self.state.position, self.state.velocity
-                force = stepper.force(self.system, self.done * stepper.dt, motion, self._launch.law)
-                self.state = self.state._replace(z=stepper.packed(block, history, force))
+                z = stepper.packed(block, self.system, self.done * stepper.dt, history, self.state)
+                self.state = self.state._replace(z=z)
             forcing = self.forcing(block)
             # States, or sampled loads, of a whole segment are held in memory.
             most = STEPS_PER_CALL
@@ -269,7 +252,7 @@ class March:
         rows[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
         # Include the forces at start and end.
         if not self.stepper.treatment.means:
-            tally = end_tallies(tally, self._launch.law, dt, (self.state.position, self.state.velocity))
+            tally = end_tallies(tally, self.state.law, dt, (self.state.position, self.state.velocity))
         for c, contact in enumerate(self.system.contacts):
             # The kernel wrote the rows of one contact in order of time.
             events = rows[rows[:, CONTACT] == c] if len(tally) > 1 else rows
@@ -316,6 +299,11 @@ class Segment:
         # Where no node lies at the end of a step the force there follows from the state.
         between = m and block.block.end_first[0] >= len(block.block.push)
         return y, np.full((steps, m), np.nan) if between else at_nodes[:steps, -1]
+
+
+def jumping(law: Array) -> bool:
+    """Return True where the force of a stop jumps; law (m, 6)."""
+    return bool(np.any(force_jumps(all_laws(law))))
 
 
 def functions(system: System) -> list[object]:

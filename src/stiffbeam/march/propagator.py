@@ -1,9 +1,8 @@
 """scheme x coordinates x dt -> Propagator: K steps of a scheme as the arrays of one linear map.
 
-A scheme is a linear step, and K steps of it are again one, with K S force nodes. Stepping *unit* states and
-*unit* forces through the scheme's own ``step`` reads off every array: nothing here knows any scheme. In modal
-coordinates the homogeneous part is one small matrix per mode, else one large one. The march then costs
-one product with ``reading`` and one with ``transition`` per block, and touches the stops node by node.
+A scheme is a linear step, and K steps of it are again one, with K S force nodes. In modal coordinates the homogeneous
+part is one small matrix per mode, else one large one. The march then costs one product with ``reading`` and one with
+``transition`` per block, and touches the stops node by node.
 """
 
 from __future__ import annotations
@@ -94,19 +93,14 @@ def repeated(start: Array, levels: list[Array], steps: int) -> Array:
 
 
 class Propagator:
-    """K steps from the state z (a, N), packed as D numbers.
-
-    The block's entries w (R,) are the contact arguments, node by node and contact by contact, followed
-    by the channel positions at the ends of steps that are no node:
+    """K steps from the state z (a, N), packed as D numbers, with the entries w (R,), see ``Entries``:
 
         (w, z_new) = (reading z, transition z) + g rows + inflow
         F_i = F(w_i),  then  (w, z_new) += push_i F_i      for the nodes in order,
 
-    where w_i = r + s F_i is solved in closed form with the compliance s (0 where the contact is
-    extrapolated and w_i is the predictor); for other laws than the linear one see node.c, which takes the
-    velocities at the nodes too, entries after the others. ``block`` holds what is the same for every load; the
-    rows of the harmonic and constant loads, with g(t) at the block's start, are made by ``forcing``;
-    ``inflow`` is there for sampled loads and offsets only.
+    where w_i = r + s F_i is solved in closed form with the compliance s (0 where the contact is extrapolated and w_i is
+    the predictor); for other laws than the linear one see node.c. ``block`` is the same for every load, ``forcing``
+    gives the rows of harmonic and constant loads, with g(t) at the block's start, ``inflow`` the share of others.
 
     rule: how a node finds its force, see Block; BY_LAW has the velocities at the nodes among the entries. reduced:
     without the components of the state that only add to others, see ``independent``.
