@@ -16,7 +16,7 @@ from ..kernels.march import EVENT, TALLY, contact_forces, switch_time
 from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.contact_law import all_laws, jumps
 from ..model.system import System, require_system
-from .records import ContactRecord, Impacts, Ledger, step_ledger
+from .records import ContactRecord, Impacts, step_ledger
 
 # A tally (..., 8) is what one contact has seen so far. The steps up to SINCE are passed over; SIDE is followed from the
 # start. LAST is |F| at the last step, of laws that are not linear.
@@ -225,7 +225,7 @@ def run_fields(
 
     given = _array("t", t, (0,), "be three or more numbers in a row")
     # Times first: of several rows at one time, as at an event, the last counts.
-    times, rows = distinct_times("t", given)
+    times, rows = distinct_times(given)
     if times[0] != 0.0 or len(times) < 3:
         raise InputError("t", given, "be three or more times from 0 on", "begin with the initial state, at t = 0")
     if not isinstance(name, str) or not name:
@@ -246,16 +246,15 @@ def run_fields(
         q, v = q[rows], v[rows]
     if tip is None:
         raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
-    row = f"be one number per time, {len(given)}"
+    row, smoothed = f"be one number per time, {len(given)}", tip_velocity is None
     u = _array("tip", tip, given.shape, row)
-    one_position("t", given, rows, u)
+    again = np.setdiff1d(np.arange(len(given)), rows)
+    apart = again[np.abs(u[again + 1] - u[again]) > SAME_POSITION * np.max(np.abs(u))]
+    if len(apart):
+        remedy = "write the times with more digits"
+        raise InputError("t", float(given[apart[0]]), "belong to one position, not several", remedy)
     u = u[rows]
-    smoothed = tip_velocity is None
-    w = (
-        np.asarray(CubicSpline(times, u)(times, 1))
-        if smoothed
-        else _array("tip_velocity", tip_velocity, given.shape, row)[rows]
-    )
+    w = CubicSpline(times, u)(times, 1) if smoothed else _array("tip_velocity", tip_velocity, given.shape, row)[rows]
     notes: dict[str, Any] = {
         "method": name, "source": "arrays", "form": "arrays" if system is None else system.form,
         "dt": float(np.median(np.diff(times))), "t_end": float(times[-1]), "every": 1,
@@ -269,8 +268,9 @@ def run_fields(
         "contacts": () if system is None else tuple(_contacts(system, times, u, w, smoothed, q, v)),
     }  # fmt: skip
     if system is not None and q is not None and v is not None:
-        fields["pieces"] = partial(_pieces, system, times, q, v)
-        fields["ledger"] = None if system.rigid else partial(_ledger, system, times, q, v)
+        pieces = [(times, q, v, np.full((len(times), len(system.contacts)), np.nan))]
+        fields["pieces"] = partial(iter, pieces)
+        fields["ledger"] = None if system.rigid else partial(step_ledger, system, pieces, times)
     return fields
 
 
@@ -286,10 +286,12 @@ def _contacts(
             yield sampled_record(t, *channel_motion(contact.row, contact.offset, t, q, v), contact.stops)
         else:
             nothing, unknown = np.full(len(t), np.nan), float("nan")
-            yield ContactRecord(contact.stops, nothing, nothing, nothing, Impacts.none("unknown"), *3 * (unknown,))
+            yield ContactRecord(
+                contact.stops, nothing, nothing, nothing, Impacts.at([], [], "unknown"), *3 * (unknown,)
+            )
 
 
-def distinct_times(name: str, t: Array) -> tuple[Array, NDArray[np.int64]]:
+def distinct_times(t: Array) -> tuple[Array, NDArray[np.int64]]:
     """Strictly increasing times in t (k,), and for each the last row that has it.
 
     Solvers write an event twice, before and after it: times that increase by rounding only are one time.
@@ -299,28 +301,10 @@ def distinct_times(name: str, t: Array) -> tuple[Array, NDArray[np.int64]]:
     steps = np.diff(t)
     if np.any(steps < -rounding):
         back = float(t[1 + int(np.argmax(steps < -rounding))])
-        raise InputError(name, back, "be no smaller than the time before it", "sort the rows by time")
+        raise InputError("t", back, "be no smaller than the time before it", "sort the rows by time")
     first = np.concatenate([[True], steps > rounding])
     # The last row of every time is the one before the next time begins.
     return t[first], np.append(np.flatnonzero(first)[1:], len(t)) - 1
-
-
-def one_position(name: str, t: Array, rows: NDArray[np.int64], u: Array) -> None:
-    """Raise InputError where positions u (k, ...) differ at one time, see ``distinct_times``."""
-    again = np.setdiff1d(np.arange(len(t)), rows)
-    jump = np.max(np.abs(u[again + 1] - u[again]), axis=tuple(range(1, u.ndim)))
-    apart = jump > SAME_POSITION * np.max(np.abs(u))
-    if np.any(apart):
-        when = float(t[again[np.argmax(apart)]])
-        raise InputError(name, when, "belong to one position, not several", "write the times with more digits")
-
-
-def _pieces(system: System, t: Array, q: Array, v: Array) -> Iterator[tuple[Array, Array, Array, Array]]:
-    yield t, q, v, np.full((len(t), len(system.contacts)), np.nan)
-
-
-def _ledger(system: System, t: Array, q: Array, v: Array) -> Ledger:
-    return step_ledger(system, _pieces(system, t, q, v), t)
 
 
 def _array(name: str, values: Any, shape: tuple[int, ...], rule: str) -> Array:
@@ -328,7 +312,6 @@ def _array(name: str, values: Any, shape: tuple[int, ...], rule: str) -> Array:
     array = numbers(name, values, remedy="end the run before it overflows")
     fits = array.ndim == len(shape) and all(k in (0, n) for k, n in zip(shape, array.shape, strict=True))
     if not fits or len(array) < 3:
-        raise InputError(
-            name, f"shape {array.shape}", rule, "give a list" if len(shape) == 1 else "give a row for each time"
-        )
+        remedy = "give a list" if len(shape) == 1 else "give a row for each time"
+        raise InputError(name, f"shape {array.shape}", rule, remedy)
     return array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -148,11 +148,6 @@ class Impacts:
         columns = {name: (("impact",), getattr(rows, field)) for field, name in IMPACT_FIELDS.items()}
         return frame_of(columns | {"impact_open_at_start": (("impact",), flags)}, "impact")
 
-    @staticmethod
-    def none(kind: str) -> Impacts:
-        """An empty table, of ``kind`` "event" or "sampled"."""
-        return Impacts.at([], [], kind)
-
 
 @dataclass(frozen=True, eq=False)
 class ContactRecord:
@@ -273,7 +268,7 @@ class Ledger:
 @np.errstate(over="ignore", invalid="ignore")  # an energy beyond float64 is refused by ``Trajectory.energy``
 def step_ledger(
     system: System,
-    pieces: Iterator[tuple[Array, Array, Array, Array]],
+    pieces: Iterable[tuple[Array, Array, Array, Array]],
     outputs: Array,
     impacts: bool = False,
     basis: Modes | None = None,

@@ -198,7 +198,7 @@ class Trajectory(Saved):
     @property
     def impacts(self) -> Impacts:
         """The impacts at the first contact; ``contacts[i].impacts`` has those of every one."""
-        return self.contacts[0].impacts if self.contacts else Impacts.none("none")
+        return self.contacts[0].impacts if self.contacts else Impacts.at([], [], "none")
 
     @property
     def fingerprint(self) -> str:
@@ -415,7 +415,7 @@ class Reference(Trajectory):
         afford("dt", dt, "give a larger dt", floats=size * end / dt)
         steps = int(np.floor(end / dt * (1 + 1e-12)))
         if not self.contacts:
-            return Impacts.none("sampled")
+            return Impacts.at([], [], "sampled")
         self._contact(contact)
         t = np.arange(steps + 1) * dt
         return sampled_impacts(t, *self.at(t, contact=contact), self.contacts[contact].stops)
