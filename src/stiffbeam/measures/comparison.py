@@ -388,18 +388,15 @@ def _contact(
     elif run.provenance.get("source") == "arrays":  # read from steps, and so are the reference's then
         true = sampled_impacts(t, *reference.at(t, contact=i), stops)
     known_to = float(reference.provenance["t_end"])
-    of_run, of_reference = (
-        {end: _measures(one, i, rows, force, t, end) for end in (window, min(float(run.t[-1]), known_to))}
+    (of_run, run_totals), (of_reference, totals) = (
+        [_measures(one, i, rows, force, t, end) for end in (window, min(float(run.t[-1]), known_to))]
         for one, rows, force in ((run, impacts, forces[0]), (reference, true, forces[1]))
     )
     # Where no impact of the run is known, nothing parts and nothing is paired.
     matching = Matching(0, window, np.nan, np.nan)
     if record.impacts.kind != "unknown":
         matching = match(impacts, true, window, longest_delay(system, known_to))
-    return ContactComparison(
-        name=contact_name(system, i), run=of_run[window], reference=of_reference[window], matching=matching,
-        run_totals=list(of_run.values())[-1], reference_totals=list(of_reference.values())[-1],
-    )  # fmt: skip
+    return ContactComparison(contact_name(system, i), of_run, of_reference, matching, run_totals, totals)
 
 
 def _measures(run: Trajectory, i: int, impacts: Impacts, force: Array | None, t: Array, end: float) -> ContactMeasures:

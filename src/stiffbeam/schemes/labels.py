@@ -23,10 +23,9 @@ KNOWN_FORMS = (*ALL_FORMS, "matrices")
 
 def make(name: str, **parameters: Any) -> Scheme:
     """The registered scheme ``name``, or the one that ``module:Class`` names, with its parameters."""
-    kind = _registered(name)
-    if kind is None and ":" not in name:
+    kind = _registered(name) or (user_class(name) if ":" in name else None)
+    if kind is None:
         raise InputError("scheme", name, "be a registered scheme", near(name, ALL))
-    kind = kind or user_class(name)
     # A wrong name is refused here, with the nearest right one, and not by Python's TypeError.
     names = [p for p in signature(kind).parameters if p not in ("args", "kwargs")]
     for parameter in parameters:
