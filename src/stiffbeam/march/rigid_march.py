@@ -107,7 +107,8 @@ class RigidStepper:
         ahead = self.coordinates.columns[:, None] * guess
         pushed, moved = step.push.transpose(2, 1, 0).reshape(-1, S, D), arguments(step.at_once.T)
         compliance = moved[: m * S].reshape(m, S, S, m).transpose(1, 2, 0, 3)  # [node, later node, reaction, argument]
-        self._require_giving_way(compliance)
+        if m:
+            self._require_giving_way(compliance)
         # Where the stops stand in the arguments: at (1 + e) g for x_new + e x_old, at 0 for velocities.
         ends = np.array([[s.lower_bound, s.upper_bound] for s in stops]).reshape(m, 2)
         codes = [CODES[kind] for kind in kinds]
