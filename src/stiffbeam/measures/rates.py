@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -130,12 +131,11 @@ class ContactRates:
 
     def __str__(self) -> str:
         lines = []
-        for i, (each, source) in enumerate(zip(self.rates, self.sources, strict=True)):
-            for name, (column, quantity) in RATES.items():
-                x = each[name]
-                if np.isfinite(x.value):
-                    label = with_unit(self.run.units, f"contact {i}: {column.replace('_', ' ')}", quantity)
-                    lines.append(f"{label} {x.value:.4g} ({x.low:.4g} to {x.high:.4g}), {source}")
+        for i, name in product(range(len(self.rates)), RATES):
+            x, (column, quantity) = self.rates[i][name], RATES[name]
+            label = with_unit(self.run.units, f"contact {i}: {column.replace('_', ' ')}", quantity)
+            if np.isfinite(x.value):
+                lines.append(f"{label} {x.value:.4g} ({x.low:.4g} to {x.high:.4g}), {self.sources[i]}")
         return "\n".join(lines)
 
 

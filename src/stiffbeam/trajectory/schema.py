@@ -100,8 +100,8 @@ def values_of(result: Any, x: Any = None) -> Values:
     if contacts:
         for field, name in CONTACT_FIELDS.items():
             if hasattr(contacts[0], field):
-                rows = np.stack([getattr(contact, field) for contact in contacts])
-                values[name] = (("contact", *(member or ("time",)))[: rows.ndim], _numeric(rows))
+                rows = 1 * np.stack([getattr(contact, field) for contact in contacts])  # netCDF has no Boolean type
+                values[name] = (("contact", *(member or ("time",)))[: rows.ndim], rows)
         values |= _impacts(contacts)
         values["contact"] = (("contact",), np.arange(len(contacts)))
     if getattr(result, "has_energy", False):
@@ -122,14 +122,9 @@ def _impacts(contacts: Any) -> Values:
     tables, flags = zip(*(contact.impacts.listed() for contact in contacts), strict=True)
     counts = [rows.count for rows in tables]
     columns = {name: np.concatenate([getattr(rows, x) for rows in tables]) for x, name in IMPACT_FIELDS.items()}
-    columns["impact_open_at_start"] = _numeric(np.concatenate(flags))
+    columns["impact_open_at_start"] = 1 * np.concatenate(flags)
     columns |= {"impact": np.arange(sum(counts)), "impact_contact": np.repeat(np.arange(len(counts)), counts)}
     return {name: (("impact",), column) for name, column in columns.items()}
-
-
-def _numeric(array: Array) -> Array:
-    """netCDF has no Boolean type."""
-    return array.astype(np.int64) if array.dtype == bool else array
 
 
 def parameter_name(parameter: str) -> str:
