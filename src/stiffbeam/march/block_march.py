@@ -56,14 +56,10 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
     nodes = len(scheme.nodes) * max(1, len(coordinates.columns))  # in a step
     if coordinates.basis is not None:
         return 2 ** max(0, int(np.log2(LEAST / nodes)))
-    D = float(len(independent(scheme, 1.0)[0]) * coordinates.rows.shape[1])
+    N = coordinates.rows.shape[1]
+    D = float(len(independent(scheme, 1.0)[0]) * N)
     # Single steps too take the matrix of one, and the unit states that it is probed with.
-    afford(
-        "system",
-        f"{coordinates.rows.shape[1]} unknowns",
-        "reduce_model leaves the modes that matter",
-        floats=10.0 * D**2,
-    )
+    afford("system", f"{N} unknowns", "reduce_model leaves the modes that matter", floats=10.0 * D**2)
     loads = max(1, len(coordinates.system.loads)) * len(scheme.nodes)
     longest = min(np.clip(D / 4, LEAST, LONGEST) / nodes, LARGEST / (loads * D))
     # The doubling to K costs a product of D x D matrices, and saves one of steps/K with D numbers each. In memory a

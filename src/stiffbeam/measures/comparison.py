@@ -42,8 +42,8 @@ class PhaseLag:
     lag and residual are NaN where the lag is undefined, and ``undefined`` says why.
     """
 
-    lag: float
-    residual: float
+    lag: float = float("nan")
+    residual: float = float("nan")
     undefined: str = ""
 
 
@@ -56,19 +56,18 @@ def phase_lag(
     w1 = ``first``. u_run between its steps is the cubic Hermite interpolant. A grid of 401 shifts, then
     Brent's method. Undefined if ``end`` < 4 tau_m or the minimum lies at an end of the range.
     """
-    nan = float("nan")
     if max(drive, first) <= 0.0:
-        return PhaseLag(nan, nan, "nothing here has a frequency")
+        return PhaseLag(undefined="nothing here has a frequency")
     tau_m = np.pi / (2.0 * max(drive, first))
     if end < 4.0 * tau_m * (1 - 1e-12):  # a drift is as long as the run, whose end has a rounding
-        return PhaseLag(nan, nan, f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
+        return PhaseLag(undefined=f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
     # The ends are left out, so that every shifted time lies in the window.
     counted = (t >= tau_m) & (t <= end - tau_m)
     inside, weights = t[counted], step_lengths(t)[counted]
     target = reference(inside)
     scale = float(np.sum(weights * target**2))
     if scale == 0.0:
-        return PhaseLag(nan, nan, "the reference is at rest")
+        return PhaseLag(undefined="the reference is at rest")
     run = CubicHermiteSpline(t, u, v)
 
     # By tau/tau_m: Brent's method has an absolute tolerance, which a small unit of time would exceed.
@@ -80,7 +79,7 @@ def phase_lag(
     values = [J(share) for share in shifts]
     best = int(np.argmin(values))
     if best in (0, GRID - 1):
-        return PhaseLag(nan, nan, f"no best shift within {tau_m:.3g}")
+        return PhaseLag(undefined=f"no best shift within {tau_m:.3g}")
     # Bounded, since a bracket needs a minimum that rises above rounding on both sides.
     bounds = float(shifts[best - 1]), float(shifts[best + 1])
     result: Any = minimize_scalar(J, bounds=bounds, method="bounded", options={"xatol": 1e-10})

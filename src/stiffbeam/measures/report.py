@@ -49,16 +49,12 @@ def largest(run: Trajectory) -> str:
     """Number of impacts, largest contact force or, on rigid stops, impulse, and largest displacement of a run, and the
     horizon within it."""
     records = run.contacts
-    impulses = [x for record in records if record.stops.rigid for x in record.impacts.impulses]
-    facts = [
-        f"largest {name} {np.nanmax(values):.4g}"
-        for name, values in (
-            ("contact force", [record.peak_force for record in records]),
-            ("impulse", impulses),
-            ("displacement", np.abs(run.tip)),
-        )
-        if np.any(np.greater(values, 0.0))
-    ]
+    sizes: dict[str, Any] = {
+        "contact force": [record.peak_force for record in records],
+        "impulse": [x for record in records if record.stops.rigid for x in record.impacts.impulses],
+        "displacement": np.abs(run.tip),
+    }
+    facts = [f"largest {name} {np.nanmax(x):.4g}" for name, x in sizes.items() if np.any(np.greater(x, 0.0))]
     if records and not any(record.impacts.kind == "unknown" for record in records):
         facts.insert(0, several(sum(record.impacts.count for record in records), "impact"))
     if isinstance(run, Reference) and run.horizon < run.t[-1]:

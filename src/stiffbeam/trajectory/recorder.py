@@ -173,18 +173,10 @@ def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
     if stops.rigid:
         return ContactRecord(stops, u, v, np.full(len(t), np.nan), rebounds(t, u, v, stops), *3 * (float("nan"),))
     force = stops.force(u, v)
-    size, lengths = np.abs(force), step_lengths(t)[1:]
-    return ContactRecord(
-        stops=stops,
-        position=u,
-        velocity=v,
-        force=force,
-        impacts=sampled_impacts(t, u, v, stops),
-        # Every step counts by its end.
-        fraction=float(np.average(stops.state(u[1:], v[1:]) != 0, weights=lengths)),
-        peak_force=float(np.max(size)),
-        impulse=float(np.trapezoid(size, t)),
-    )
+    size, impacts = np.abs(force), sampled_impacts(t, u, v, stops)
+    # Every step counts by its end.
+    fraction = float(np.average(stops.state(u[1:], v[1:]) != 0, weights=step_lengths(t)[1:]))
+    return ContactRecord(stops, u, v, force, impacts, fraction, float(np.max(size)), float(np.trapezoid(size, t)))
 
 
 def reaction_counts(stops: Stops, dt: float, u: Array, means: Array, since: int) -> dict[str, Any]:

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-    from .ensemble import Ensemble
-    from .trajectory import Trajectory
-
 FORMAT = 4  # of files
 CONVENTIONS = "CF-1.11"
 SUFFIXES = (".nc", ".csv", ".json")
@@ -160,7 +157,7 @@ def frame_of(values: Values, index: str, units: Units | None = None, **attribute
     return frame.set_index(index) if index in columns else frame.rename_axis(index)
 
 
-def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
+def dataset_of(result: Any, x: Any = None) -> xarray.Dataset:
     """All variables of a run or an ensemble with their attributes; the provenance is an attribute of the whole."""
     import xarray
 
@@ -178,9 +175,8 @@ def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
         "stops": json.dumps([stops.data for stops in result.stops]),
         "impact_kind": ",".join(c.impacts.kind for c in result.contacts) or "none",
     }
-    more: Any = result
-    attributes |= {"horizon": more.horizon} if result.kind == "reference" else {}
-    attributes |= {"parameter": more.members.parameter} if result.kind == "ensemble" else {}
+    attributes |= {"horizon": result.horizon} if result.kind == "reference" else {}
+    attributes |= {"parameter": result.members.parameter} if result.kind == "ensemble" else {}
     coordinates = [name for name in data if name not in VARIABLES]
     dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
     dataset.attrs["hash"] = content_hash(dataset)
