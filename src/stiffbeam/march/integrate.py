@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import Recent
+from ..basics.arrays import Array, Recent
 from ..basics.progress import current, working
 from ..basics.resources import afford, clock, over
 from ..basics.validation import InputError, integer, one_of, positive, step_count
@@ -109,13 +109,17 @@ class Plan:
             work=Work(self.steps, ended - (started if begun is None else begun), ended - started),
             provenance=self.provenance(every),
             system=system,
-            pieces=partial(self.stepper.states, system, self.steps),
+            pieces=partial(self.states, system),
             ledger=partial(self.ledger, system, every or self.steps),
         )
 
     def run_of(self, member: System, apart: bool, every: int | None, since: int) -> Trajectory:
         """The run of a member, without the motion of its contacts."""
         return slim(self.of(member, apart).run(member, every, since))
+
+    def states(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """See ``Pieces``; of the plan, which can be sent to another process."""
+        return self.stepper.states(system, self.steps)
 
     @working("adding up the energy balance")
     def ledger(self, system: System, every: int) -> Ledger:
