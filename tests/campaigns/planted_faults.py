@@ -70,7 +70,7 @@ FAULTS = [
     ("march", "march/treatment.py", "predicts=True", "predicts=False"),
     ("march", "march/treatment.py", "return LINEAR if all_linear(contacts) and", "return LINEAR if"),
     # schemes
-    ("schemes", "schemes/newmark.py", "self.alpha_m, self.alpha_f = 0.0, -self.alpha", "self.alpha_m, self.alpha_f = 0.0, 0.0"),
+    ("schemes", "schemes/newmark.py", "super().__init__(0.0, -self.alpha)", "super().__init__(0.0, 0.0)"),
     ("schemes", "schemes/newmark.py", "net_new = (a_new + inertia * a - of_old * net) / of_new", "net_new = a_new"),
     ("schemes", "schemes/newmark.py", "+ (0.5 - self.beta + self.beta * root) * one", "+ (0.5 - self.beta) * one"),
     ("schemes", "schemes/newmark.py", "return np.array([q, v, a, a])", "return np.array([q, v, 0.0 * a, a])"),

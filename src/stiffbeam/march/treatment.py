@@ -81,14 +81,8 @@ class Treatment:
         return form
 
 
-TREATMENTS = {
-    treatment.name: treatment
-    for treatment in (
-        Treatment("implicit"),
-        Treatment("extrapolated", predicts=True),
-        Treatment("conserving", means=True),
-    )
-}
+_ALL = Treatment("implicit"), Treatment("extrapolated", predicts=True), Treatment("conserving", means=True)
+TREATMENTS = {treatment.name: treatment for treatment in _ALL}
 
 
 def _require_rigid(system: System, scheme: RigidScheme) -> None:
