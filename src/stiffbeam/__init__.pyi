@@ -38,12 +38,12 @@ from .schemes.bdf2 import BDF2 as BDF2
 from .schemes.conserving import ExponentialFlow as ExponentialFlow
 from .schemes.conserving import Theta as Theta
 from .schemes.conserving import Trapezoidal as Trapezoidal
-from .schemes.contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
-from .schemes.moreau_jean import MoreauJean as MoreauJean
 from .schemes.newmark import HHT as HHT
 from .schemes.newmark import GeneralisedAlpha as GeneralisedAlpha
-from .schemes.nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
-from .schemes.paoli_schatzman import PaoliSchatzman as PaoliSchatzman
+from .schemes.rigid import ContactStabilisedNewmark as ContactStabilisedNewmark
+from .schemes.rigid import MoreauJean as MoreauJean
+from .schemes.rigid import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
+from .schemes.rigid import PaoliSchatzman as PaoliSchatzman
 from .schemes.scheme import Scheme as Scheme
 from .schemes.sdirk import SDIRK as SDIRK
 from .studies import study as study

@@ -18,7 +18,8 @@ from .model.contact import Contact, Stops
 from .model.system import System
 from .model.time_functions import Harmonic
 from .references import reference
-from .schemes.scheme import RigidScheme, Scheme, require_scheme, takes_stops
+from .schemes import RigidScheme, Scheme, takes_stops
+from .schemes.scheme import require_scheme
 from .trajectory.trajectory import Diverged
 
 if TYPE_CHECKING:

@@ -130,20 +130,6 @@ class Loop:
             path.append((q, v, P / h))
         return path
 
-    def backward_euler(self, q, v, h, n):
-        M, C, K, B = self.M, self.C, self.K, self.B
-        W = M + h * C + h * h * K
-        path = [(q, v, np.zeros(len(B)))]
-        for k in range(n):
-            t = k * h
-            free = np.linalg.solve(W, M @ v + h * (self.f(t + h) - K @ q))
-            r = B @ (q + h * free) + self.o(t + h)
-            lam = reactions(r, h * h * B @ np.linalg.solve(W, B.T), self.lower, self.upper)
-            v = free + h * np.linalg.solve(W, B.T @ lam)
-            q = q + h * v
-            path.append((q, v, lam))
-        return path
-
 
 def chain(contacts=1, damping="none", moving=False, e=None):
     """Four masses in a row, driven, with stops at one or two of them: the System and the same as a Loop."""

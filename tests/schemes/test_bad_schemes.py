@@ -17,7 +17,7 @@ LABELS = {
     "": "scheme must read name(parameter=value, ...)@form, got ''",
     "mine_1e-05.csv": "compared in Python, by sb.compare([t, tip], reference)",
     "HHT(alpha=-0.1": "scheme must read name(parameter=value, ...)@form",
-    "HHT@displacement@displacement": "e.g. HHT(alpha=-0.1)@displacement",
+    "HHT@displacement@displacement": "for example HHT(alpha=-0.1)@displacement",
     "HHT(alpha=small)": "scheme must give alpha a number, true or false, got 'HHT(alpha=small)'",
     "hht(alpha)": "scheme must name every parameter",
     "hht(alhpa=-0.1)": "'alhpa'",

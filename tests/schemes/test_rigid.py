@@ -14,7 +14,6 @@ LOOPS = {
     "paoli_schatzman": sb.PaoliSchatzman(),
     "contact_stabilised": sb.ContactStabilisedNewmark(),
     "nonsmooth_alpha": sb.NonsmoothGeneralisedAlpha(),
-    "backward_euler": sb.Theta(1.0),
 }
 
 
@@ -33,7 +32,7 @@ LOOPS = {
 @pytest.mark.parametrize("name", LOOPS)
 def test_every_step_is_that_of_a_plain_loop(name, contacts, damping, moving):
     """The reactions by trying every set of closed contacts; a file and an ensemble keep them."""
-    e = 0.6 if getattr(LOOPS[name], "restitutes", False) else None
+    e = 0.6 if LOOPS[name].restitutes else None
     system, loop = chain(contacts, damping, moving, e)
     dt, steps = 0.02, 250
     run = sb.integrate(system, LOOPS[name], dt, steps * dt)
@@ -73,7 +72,8 @@ def test_moreau_and_jean_lose_what_newtons_law_takes_and_nothing_else():
     assert E.stop_dissipation[-1] > 0.1 * np.max(E.energy)
     moved = sb.integrate(chain(2, moving=True, e=0.4)[0], sb.MoreauJean(), 0.001, 5.0).energy
     assert abs(moved.loss[-1]) < 1e-2 * np.max(moved.energy)  # the stop's work is a sum over steps
-    assert np.all(sb.integrate(chain(2)[0], sb.BDF2(), 0.01, 5.0).energy.stop_dissipation == 0.0)
+    elastic = sb.integrate(chain(2)[0], sb.ContactStabilisedNewmark(), 0.01, 5.0)
+    assert np.all(elastic.energy.stop_dissipation == 0.0)
 
 
 # The elastic bar that bounces on a wall under gravity, by characteristics in rational numbers: E = 900, rho = 1,
@@ -114,7 +114,6 @@ def bouncing_bar(cells: int, **stops) -> sb.System:
         (sb.ContactStabilisedNewmark(), None, (-0.045, -0.03), (0.2, 0.7), (0.0, 1e-13)),
         (sb.NonsmoothGeneralisedAlpha(), 0.0, (-0.06, -0.05), (0.2, 0.7), (0.0, 1e-13)),
         (sb.NonsmoothGeneralisedAlpha(1.0), 0.0, (-0.025, -0.015), (0.2, 0.7), (0.0, 1e-13)),
-        (sb.Trapezoidal(), None, (50.0, 500.0), (300.0, INF), (0.0, 1e-13)),
     ],
 )
 def test_the_bouncing_bar(scheme, e, gained, rms, deepest):
@@ -133,7 +132,7 @@ def test_the_bouncing_bar(scheme, e, gained, rms, deepest):
         assert low <= value <= high
 
 
-@pytest.mark.parametrize("scheme", [sb.MoreauJean(), sb.Trapezoidal(), sb.ContactStabilisedNewmark()], ids=str)
+@pytest.mark.parametrize("scheme", [sb.MoreauJean(), sb.ContactStabilisedNewmark()], ids=str)
 def test_a_body_that_rests_on_its_stop_stays_there(scheme):
     """Weight 3 on a spring-free mass: the reaction is the weight from the first step on. Moreau and Jean's lets go
     where rounding leaves a gap, for a step."""

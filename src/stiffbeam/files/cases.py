@@ -115,7 +115,7 @@ class Case:
 
 
 def default_schemes(stops: Iterable[Stops] = ()) -> list[Scheme]:
-    """The paper's three, or three with an impact law where rigid stops have restitution."""
+    """The paper's three, or up to three that are made for rigid stops where the stops are."""
     paper, each = [make("bdf2"), SDIRK(nystrom=True), make("hht")], list(stops)
     taken = (scheme for scheme in chain(paper, map(make, RIGID)) if takes_stops(scheme, each))
     return list(islice(taken, 3)) or paper

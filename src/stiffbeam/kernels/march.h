@@ -61,7 +61,7 @@ typedef struct {
     Int *cursor;             /* (2,): block, free row of events: where the next call goes on */
 } Run;
 
-/* Columns of a contact's tally and of the list of impacts, see sampling.py. */
+/* Columns of a contact's tally and of the list of impacts, see recorder.py. */
 enum { SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST, TALLY = 8 };
 enum { CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END, EVENT };
 

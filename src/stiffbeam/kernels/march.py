@@ -122,7 +122,7 @@ class Progress(NamedTuple):
     z: Array  # (D + (a - 1) n,)
     position: Array  # (C,) at the last step
     velocity: Array  # (C,)
-    tally: Array  # (m, 8), see sampling
+    tally: Array  # (m, 8), see recorder
     diverged: IntArray  # (1,): the step that overflowed, minus that whose forces were not found, 0 for none
 
 
@@ -136,7 +136,7 @@ class Kept(NamedTuple):
     contact_forces: Array  # (outputs, m): the forces of linear stops
     starts: Array  # (B, D + (a - 1) n): the state at the start of each block
     forces: Array  # (B, N)
-    events: Array  # (rows, 6): the list of impacts, see sampling
+    events: Array  # (rows, 6): the list of impacts, see recorder
     cursor: IntArray  # (2,): block, free row of events, advanced in place
 
 

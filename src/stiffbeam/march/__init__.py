@@ -5,8 +5,7 @@
     block_march            any scheme on any system in blocks of K steps
     probe                  the matrices of a scheme's step, in modes or for all unknowns, from unit inputs
     propagator             powers of that step, arranged as the arrays of a block
-    replay                 states and energies of every step of a block march, computed on demand
-    rigid_march            any scheme against rigid stops
+    rigid_march            a scheme with an impact law against rigid stops
 
 A run is a function of its arguments: run again, it has the same bits.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,19 +13,32 @@ from ..basics.arrays import Array, aligned, copied
 from ..basics.resources import afford
 from ..kernels import march as kernel
 from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Progress, Span
+from ..kernels.march import states as single_steps
 from ..model.contact import channel_motion, laws
 from ..model.contact_law import all_laws
 from ..model.contact_law import jumps as force_jumps
 from ..model.system import System
+from ..model.time_functions import evaluate
 from ..schemes import Scheme
-from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
-from ..trajectory.sampling import CONTACT, END, IMPACT_IMPULSE, IMPACT_PEAK, ROW, SIDE
+from ..trajectory.recorder import (
+    CONTACT,
+    END,
+    IMPACT_IMPULSE,
+    IMPACT_PEAK,
+    ROW,
+    SIDE,
+    end_tallies,
+    forces_at,
+    overflow,
+    record,
+    start_tallies,
+)  # fmt: skip
+from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import SolverFailure
 from .probe import Coordinates, StepMap, independent
-from .propagator import Propagator
+from .propagator import Propagator, by_diagonals
 from .treatment import Treatment, require_giving_way, require_moved
 
-BLOCKS, DENSE = "modal blocks", "dense blocks"
 STEPS_PER_CALL = 1 << 16  # between which Python sees an interruption
 STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled loads, are wanted
 NUMBERS_REPLAYED = 1 << 23  # of their states
@@ -43,34 +56,16 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
     nodes = len(scheme.nodes) * max(1, len(coordinates.columns))  # in a step
     if coordinates.basis is not None:
         return 2 ** max(0, int(np.log2(LEAST / nodes)))
-    D = float(len(independent(scheme, 1.0)[0]) * coordinates.rows.shape[1])
+    N = coordinates.rows.shape[1]
+    D = float(len(independent(scheme, 1.0)[0]) * N)
     # Single steps too take the matrix of one, and the unit states that it is probed with.
-    afford(
-        "system",
-        f"{coordinates.rows.shape[1]} unknowns",
-        "reduce_model leaves the modes that matter",
-        floats=10.0 * D**2,
-    )
+    afford("system", f"{N} unknowns", "reduce_model leaves the modes that matter", floats=10.0 * D**2)
     loads = max(1, len(coordinates.system.loads)) * len(scheme.nodes)
     longest = min(np.clip(D / 4, LEAST, LONGEST) / nodes, LARGEST / (loads * D))
     # The doubling to K costs a product of D x D matrices, and saves one of steps/K with D numbers each. In memory a
     # matrix is read at half the speed of that product.
     doublings = min(np.log2(min(longest, 2.0 * steps / D)), LARGEST / D**2 - 2.0)
     return 2 ** max(0, int(doublings))
-
-
-class Launch(NamedTuple):
-    """A run at t = 0, before the first step. A march copies what it changes."""
-
-    law: Array  # (m, 6)
-    position: Array  # (C,)
-    velocity: Array
-    tally: Array  # (m, 8)
-    events: Array  # (rows, 7): the contacts that are there
-    start: Array  # (2, N): y in the coordinates
-    z: Array  # the packed state of the first propagator
-    force: Array  # (m,) of the contacts
-    jumps: bool  # True where the force of a stop jumps
 
 
 class Stepper:
@@ -86,6 +81,7 @@ class Stepper:
         self, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
     ) -> None:
         self.coordinates, self.scheme, self.dt, self.treatment, self.rule = coordinates, scheme, dt, treatment, rule
+        self.kind = "dense blocks" if coordinates.basis is None else "modal blocks"  # in ``provenance["march"]``
         given, starter = (coordinates, dt), scheme.starter
         # The starter hands over whole states, so that none of its components is left out.
         self.starter = None if starter is None else Propagator(starter, *given, 1, treatment, rule, reduced=False)
@@ -101,37 +97,62 @@ class Stepper:
         """The system whose matrices are used."""
         return self.coordinates.system
 
-    @property
-    def kind(self) -> str:
-        """Name of the march in ``provenance["march"]``."""
-        return DENSE if self.coordinates.basis is None else BLOCKS
-
     @cached_property
     def single(self) -> StepMap:
         """The single step with whole states, for all that a march passes over."""
         return StepMap(self.scheme, self.coordinates, self.dt, reduced=False)
 
-    def launch(self, member: System, since: int) -> Launch:
-        """A member at t = 0, with contacts recorded after step ``since``."""
-        law, first, (u, v) = laws(member.contacts), self.starter or self.block, initial_channels(member)
+    def run(self, member: System, steps: int, every: int | None, since: int) -> dict[str, Any]:
+        """Fields of the Trajectory of a member, with contacts recorded after step ``since``."""
+        march = March(self, member, steps, every, since)
+        for _ in march.advance():
+            pass
+        return march.fields()
+
+    def ledger(self, member: System, steps: int, outputs: Array) -> Ledger:
+        """Energy balance of every step of a member at the times ``outputs``."""
+        basis = self.coordinates.basis
+        return step_ledger(member, self.states(member, steps, modal=basis is not None), outputs, basis=basis)
+
+    def states(self, member: System, steps: int, modal: bool = False) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """A run at every step, see ``Pieces``; ``modal``: q and q' in the coordinates of the march.
+
+        A second march keeps the state at the start of each block and the forces in it. With known forces the single
+        steps are linear, and are computed from these.
+        """
+        coordinates, m = self.coordinates, len(member.contacts)
+        last = coordinates.start(member.q0, member.v0) if modal else (member.q0, member.v0)
+        node = np.full((1, m), np.nan)  # the forces of the last node
+        for segment in March(self, member, steps, None).advance(replayed=True):
+            y, forces = segment.motion(segment.block.one if segment.block is self.starter else self.single, member)
+            if modal:
+                (q, v), y[:, 0] = y, last
+            else:  # by products of as many rows as there are steps, whose bits do not depend on the threads
+                q, v = (np.concatenate([x[None], z]) for x, z in zip(last, coordinates.states(y[:, 1:]), strict=True))
+            forces = np.concatenate([node, forces])
+            yield (segment.first + np.arange(len(q))) * self.dt, q, v, forces
+            last, node = (q[-1].copy(), v[-1].copy()), forces[-1:]
+
+    def launch(self, member: System, since: int) -> tuple[Progress, Array, Array]:
+        """A member at t = 0, with contacts recorded after step ``since``; rows of the contacts that are there, and y in
+        the coordinates. A march copies what it changes."""
+        law, (u, v) = laws(member.contacts), initial_channels(member)
         tally, events = start_tallies(u, v, law, self.dt, self.treatment.means, since)
         start = self.coordinates.start(member.q0, member.v0)
-        z = self.packed(first, [start], self.force(member, 0.0, (u, v), law))
+        begun = Progress(law, np.zeros(0), u, v, tally, np.zeros(1, np.int64))
+        begun = begun._replace(z=self.packed(self.starter or self.block, member, 0.0, [start], begun))
         # Where a force jumps at its stop, every node must yield to it.
-        jumping = bool(np.any(force_jumps(all_laws(law))))
-        for each in (self.starter, self.block) if jumping else ():
+        for each in (self.starter, self.block) if jumping(law) else ():
             if each is not None:
                 require_moved(each.one.scheme, each.compliances[0])
-        return Launch(law, u, v, tally, events, start, z, forces_at(u, v, law), jumping)
+        return begun, events, start
 
-    def force(self, member: System, t: float, motion: tuple[Array, Array], law: Array) -> Array:
-        """Load plus contact force of a member at time t, (N,)."""
-        total = self.coordinates.load(member, t)
+    def packed(self, propagator: Propagator, member: System, t: float, history: list[Array], now: Progress) -> Array:
+        """The state of the propagator's scheme at time t from the past y, newest first, packed."""
+        force = self.coordinates.load(member, t)
         # Of a treatment with means over a step no force is there at a time.
-        return total if self.treatment.means else total + forces_at(*motion, law) @ self.coordinates.columns
-
-    def packed(self, propagator: Propagator, history: list[Array], force: Array) -> Array:
-        """The state of the propagator's scheme under a force (N,), packed."""
+        if not self.treatment.means:
+            force = force + forces_at(now.position, now.velocity, now.law) @ self.coordinates.columns
         return propagator.pack(propagator.one.scheme.initial(self.coordinates.equation, history, force))
 
 
@@ -139,42 +160,39 @@ class March:
     """A run in progress, of the stepper's system or of another member.
 
     every: outputs kept, None for none. positions, velocities: (outputs, C). node_forces: (outputs, m), see Kept; no
-    outputs where no force jumps. t: (outputs,), and forces, (outputs, m) of linear stops. events: (impacts, 7), see
-    sampling; of each contact in order of time. tally: (m, 8) of the whole run, at the end.
+    outputs where no force jumps. t: (outputs,), and forces, (outputs, m) of linear stops. events: (rows, 6), see
+    recorder; of each contact in order of time.
     """
-
-    tally: Array
 
     def __init__(self, stepper: Stepper, system: System, steps: int, every: int | None, since: int = 0) -> None:
         self.stepper, self.system, self.steps, self.every, self.done = stepper, system, steps, every, 0
         own, m = system is stepper.system, len(system.contacts)
         # Equal loads and offsets: the response to the drive is computed once for all members.
         self._alike = own or functions(system) == functions(stepper.system)
-        self._launch = launch = stepper.own_launch if own and not since else stepper.launch(system, since)
-        z, u, v, tally = (copied(x) for x in (launch.z, launch.position, launch.velocity, launch.tally))
-        self.state = Progress(launch.law, z, u, v, tally, np.zeros(1, np.int64))
+        launched = stepper.own_launch if own and not since else stepper.launch(system, since)
+        (law, z, u, v, tally, _), begun, self._start = launched
+        z, u, v, tally = map(copied, (z, u, v, tally))
+        self.state = Progress(law, z, u, v, tally, np.zeros(1, np.int64))
         kept = 0 if every is None else steps // every + 1
-        self.t, (self.positions, self.velocities) = np.empty(kept), np.empty((2, kept, len(launch.position)))
+        self.t, (self.positions, self.velocities) = np.empty(kept), np.empty((2, kept, len(u)))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
-        self.node_forces = np.full((kept if launch.jumps else 0, m), np.nan)
+        self.node_forces = np.full((kept if jumping(law) else 0, m), np.nan)
         self.forces = np.empty((kept if stepper.rule == LINEAR else 0, m))
         if kept:
-            self.positions[0], self.velocities[0], self.t[0] = launch.position, launch.velocity, 0.0
+            self.positions[0], self.velocities[0], self.t[0] = u, v, 0.0
         if len(self.forces):
-            self.forces[0] = launch.force
+            self.forces[0] = forces_at(u, v, law)
         # Room for 64 to 1088 impacts; ``_segment`` lengthens the list when it is full.
-        self._rows = len(launch.events)
-        self.events = np.empty((self._rows + 64 + min(1024, steps // 16), EVENT))
-        self.events[: self._rows] = launch.events
+        self._rows = len(begun)
+        self.events = np.concatenate([begun, np.empty((64 + min(1024, steps // 16), EVENT))])
 
     def advance(self, replayed: bool = False) -> Iterator[Segment]:
         """March to the end by the segments that are yielded; ``replayed``: with what computes them again."""
         stepper, scheme = self.stepper, self.stepper.scheme
-        history = [self._launch.start]
+        history = [self._start]
         # A multistep scheme begins with its starter, step by step; the states are its history, newest first.
         if stepper.starter is not None:
-            one = stepper.starter
-            forcing = self.forcing(one)
+            one, forcing = stepper.starter, self.forcing(stepper.starter)
             for _ in range(min(self.steps, scheme.history - 1)):
                 yield self._segment(one, forcing, 1, replayed)
                 history.insert(0, one.unpack(self.state.z)[:2])
@@ -182,9 +200,8 @@ class March:
             block = stepper.block
             # The scheme's state follows from that history.
             if self.done:
-                motion = self.state.position, self.state.velocity
-                force = stepper.force(self.system, self.done * stepper.dt, motion, self._launch.law)
-                self.state = self.state._replace(z=stepper.packed(block, history, force))
+                z = stepper.packed(block, self.system, self.done * stepper.dt, history, self.state)
+                self.state = self.state._replace(z=z)
             forcing = self.forcing(block)
             # States, or sampled loads, of a whole segment are held in memory.
             most = STEPS_PER_CALL
@@ -193,7 +210,6 @@ class March:
             most = max(1, most // block.steps) * block.steps
             while self.done < self.steps:
                 yield self._segment(block, forcing, min(most, self.steps - self.done), replayed)
-        self._finish()
 
     def forcing(self, block: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of the system."""
@@ -226,26 +242,21 @@ class March:
             reason, remedy = "the forces of several contacts at once were not found", "use a smaller dt, or cvode"
             raise SolverFailure(str(self.stepper.scheme), -diverged * dt, reason, remedy)
         u, v = (np.ascontiguousarray(x[:, tip]) for x in (self.positions, self.velocities))  # of one contact views
-        contacts = []
-        for c, contact in enumerate(self.system.contacts):
-            # The kernel wrote the rows of one contact in order of time.
-            events = self.events[self.events[:, CONTACT] == c] if len(self.tally) > 1 else self.events
-            node_forces, forces = (x[:, c] if len(x) else None for x in (self.node_forces, self.forces))
-            motion = self.positions[:, c], self.velocities[:, c]
-            contacts.append(record(contact.stops, *motion, self.tally[c], events, self.steps, node_forces, forces))
-        when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
-        return {"t": self.t, "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
-
-    def _finish(self) -> None:
-        """Leave open contacts open, and include the forces at start and end."""
-        tally, last = self.state.tally, (self.state.position, self.state.velocity)
+        tally, rows, contacts = self.state.tally, self.events[: self._rows], []
         # An impact that is still open has no peak, impulse or end.
         open_rows = tally[:, ROW][(tally[:, SIDE] != 0.0) & (tally[:, ROW] >= 0.0)].astype(int)
-        if len(open_rows):
-            self.events[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
-        self.events = self.events[: self._rows]
-        means = self.stepper.treatment.means
-        self.tally = tally if means else end_tallies(tally, self._launch.law, self.stepper.dt, last)
+        rows[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
+        # Include the forces at start and end.
+        if not self.stepper.treatment.means:
+            tally = end_tallies(tally, self.state.law, dt, (self.state.position, self.state.velocity))
+        for c, contact in enumerate(self.system.contacts):
+            # The kernel wrote the rows of one contact in order of time.
+            events = rows[rows[:, CONTACT] == c] if len(tally) > 1 else rows
+            node_forces, forces = (x[:, c] if len(x) else None for x in (self.node_forces, self.forces))
+            motion = self.positions[:, c], self.velocities[:, c]
+            contacts.append(record(contact.stops, *motion, tally[c], events, self.steps, node_forces, forces))
+        when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
+        return {"t": self.t, "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,6 +268,38 @@ class Segment:
     steps: int
     starts: Array  # (B, D): the state at the start of each block, where these are kept
     forces: Array  # (B, N)
+
+    def motion(self, one: StepMap, system: System) -> tuple[Array, Array]:
+        """y (2, 1 + steps, N) at the ends of the steps, behind a row for what is before, and the forces (steps, m) that
+        nodes found there, NaN where no node is; ``one``: the scheme's single step."""
+        block, steps, (B, _), K = self.block, self.steps, self.starts.shape, self.block.steps
+        S, m, n, N = len(one.readers.nodes), len(system.contacts), one.coordinates.parts, one.coordinates.rows.shape[1]
+        at_nodes = self.forces[:, : block.block.nodes].reshape(B * K, S, m)
+        # What acts, in the order of a StepMap: the contacts, then the loads, each of them node by node.
+        acting = np.zeros((B * K, (m + len(system.loads)) * S))
+        acting[:, : m * S] = at_nodes.swapaxes(1, 2).reshape(B * K, m * S)
+        times = ((self.first + np.arange(steps))[:, None] + np.array(one.readers.nodes)) * one.dt
+        for i, (_, function) in enumerate(system.loads, start=m):
+            acting[:steps, i * S : (i + 1) * S] = evaluate(function, times)
+        starts, push = block.unpack(self.starts).swapaxes(0, 1).reshape(B, -1), one.push.transpose(2, 1, 0)
+        if n > 1:
+            y = single_steps(
+                by_diagonals(one.transition), push.reshape(-1, n * len(one.keep)), acting[:steps], starts, K
+            )
+        else:  # one matrix for all unknowns: the blocks side by side
+            path, z = (acting @ push[..., 0]).reshape(B, K, -1), starts
+            for k in range(K):
+                path[:, k] += z @ one.transition[0].T
+                z = path[:, k]
+            y = np.pad(path.reshape(B * K, -1, N)[:steps, :2].swapaxes(0, 1), ((0, 0), (1, 0), (0, 0)))
+        # Where no node lies at the end of a step the force there follows from the state.
+        between = m and block.block.end_first[0] >= len(block.block.push)
+        return y, np.full((steps, m), np.nan) if between else at_nodes[:steps, -1]
+
+
+def jumping(law: Array) -> bool:
+    """Return True where the force of a stop jumps; law (m, 6)."""
+    return bool(np.any(force_jumps(all_laws(law))))
 
 
 def functions(system: System) -> list[object]:

@@ -22,13 +22,12 @@ from ..schemes import RigidScheme, Scheme
 from ..schemes.labels import label_of_run
 from ..schemes.scheme import check_contract, is_known, require_scheme
 from ..trajectory.ensemble import Ensemble, record_from, slim
-from ..trajectory.records import Ledger, step_ledger
+from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
-from .block_march import March, Stepper, block_length
+from .block_march import Stepper, block_length
 from .probe import Coordinates
-from .replay import replay
-from .rigid_march import rigid_run, rigid_states
-from .treatment import RIGID, TREATMENTS
+from .rigid_march import RigidStepper
+from .treatment import TREATMENTS
 
 LARGEST = 256  # unknowns of a system that is kept alive by its recent plans
 
@@ -49,10 +48,12 @@ class Plan:
         check_contract(self.scheme)
         self.rule = self.treatment.rule(system, self.scheme)  # of the contacts of ``system``
         # The modes, or where the damping couples them all unknowns, which then step together.
-        self.coordinates = Coordinates(system, decoupled_modes(system))
-        if self.rule != RIGID:
-            length = block_length(self.coordinates, self.scheme, self.steps)
-            self.stepper = Stepper(self.coordinates, self.scheme, self.dt, self.treatment, length, self.rule)
+        coordinates = Coordinates(system, decoupled_modes(system))
+        if isinstance(self.scheme, RigidScheme):
+            self.stepper = RigidStepper(coordinates, self.scheme, self.dt)
+        else:
+            length = block_length(coordinates, self.scheme, self.steps)
+            self.stepper = Stepper(coordinates, self.scheme, self.dt, self.treatment, length, self.rule)
 
     @classmethod
     def recent(cls, system: System, scheme: Scheme, dt: float, t_end: float, contact: str) -> Plan:
@@ -74,12 +75,8 @@ class Plan:
         afford("every", every, remedy, floats=floats)
 
     def of(self, member: System, apart: bool) -> Plan:
-        """The plan of a member: its own where members march ``apart``, or where its law is of another kind. Raises
-        InputError for rigid stops beside compliant ones."""
-        rule = self.rule if member is self.system else self.treatment.rule(member, self.scheme)
-        if (rule == RIGID) != (self.rule == RIGID):
-            raise InputError("members", "compliant and rigid stops", "be of one kind", "integrate them apart")
-        if not apart and rule == self.rule:
+        """The plan of a member: its own where members march ``apart``, or where its law is of another kind."""
+        if not apart and (member is self.system or self.treatment.rule(member, self.scheme) == self.rule):
             return self
         return Plan(member, self.given, self.dt, self.t_end, self.treatment.name)
 
@@ -96,7 +93,7 @@ class Plan:
             "dt": float(self.dt),
             "t_end": float(self.t_end),
             "every": 0 if every is None else int(every),
-            "march": "rigid steps" if self.rule == RIGID else self.stepper.kind,
+            "march": self.stepper.kind,
             **versions(),
         }
 
@@ -104,13 +101,7 @@ class Plan:
         """The run of the system, or of a member, with contacts recorded after step ``since``; begun: when its seconds
         begin, by default now."""
         started = clock()
-        if self.rule == RIGID:
-            fields = rigid_run(system, self.scheme, self.dt, self.steps, every, since)
-        else:
-            march = March(self.stepper, system, self.steps, every, since)
-            for _ in march.advance():
-                pass
-            fields = march.fields()
+        fields = self.stepper.run(system, self.steps, every, since)
         ended = clock()
         # States and energy are computed on demand, in a second march.
         return Trajectory(
@@ -127,21 +118,13 @@ class Plan:
         return slim(self.of(member, apart).run(member, every, since))
 
     def states(self, system: System) -> Iterator[tuple[Array, Array, Array, Array]]:
-        """See ``Pieces``."""
-        if self.rule == RIGID:
-            return rigid_states(system, self.scheme, self.dt, self.steps)
-        return replay(self.stepper, system, self.steps)
+        """See ``Pieces``; of the plan, which can be sent to another process."""
+        return self.stepper.states(system, self.steps)
 
     @working("adding up the energy balance")
     def ledger(self, system: System, every: int) -> Ledger:
         """The energy ledger of a run, added up at every step and kept at every ``every``-th."""
-        outputs = np.arange(0, self.steps + 1, every) * self.dt
-        if self.rule == RIGID:
-            impacts = isinstance(self.scheme, RigidScheme) and self.scheme.restitutes
-            return step_ledger(system, self.states(system), outputs, impacts)
-        basis = self.coordinates.basis
-        pieces = replay(self.stepper, system, self.steps, modal=basis is not None)
-        return step_ledger(system, pieces, outputs, basis=basis)
+        return self.stepper.ledger(system, self.steps, np.arange(0, self.steps + 1, every) * self.dt)
 
 
 _RECENT: Recent[Plan] = Recent(8)

@@ -87,11 +87,6 @@ class Readers:
         self.field = np.concatenate([which, 0 * ends + S, 0 * ends + S + 1, S + 2 + which])[:g]
 
 
-def ends_there(last: Array, new: Array) -> bool:
-    """Return True where the positions ``new`` (.., N) at the end of a step are those at its last node."""
-    return bool(np.all(np.abs(last - new) <= SAME * np.max(np.abs(new), axis=-1, keepdims=True)))
-
-
 def components(scheme: Scheme, equation: Equation, n: int) -> int:
     """a, the number of state components of a scheme."""
     return scheme.initial(equation, [np.zeros((2, n))] * scheme.history, np.zeros(n)).shape[0]
@@ -139,8 +134,8 @@ class StepMap:
         self.reading = _shares(coordinates, readers, fields[:, :states])
         self.at_once = _read(coordinates, readers, fields[:, states:])
         # Extrapolated positions are predictions of the nodes, not the positions at the end of the step.
-        at_last = ends_there if rated else np.array_equal  # of the others the bits are left as they are
-        self.ends_at_last_node = at_last(at_nodes[-1][0], new[0]) and not extrapolated
+        bound = SAME * np.max(np.abs(new[0]), axis=-1, keepdims=True) if rated else 0.0  # else the bits count
+        self.ends_at_last_node = not extrapolated and bool(np.all(np.abs(at_nodes[-1][0] - new[0]) <= bound))
 
 
 def _read(coordinates: Coordinates, readers: Readers, fields: Array) -> Array:

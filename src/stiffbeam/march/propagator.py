@@ -1,14 +1,13 @@
 """scheme x coordinates x dt -> Propagator: K steps of a scheme as the arrays of one linear map.
 
-A scheme is a linear step, and K steps of it are again one, with K S force nodes. Stepping *unit* states and
-*unit* forces through the scheme's own ``step`` reads off every array: nothing here knows any scheme. In modal
-coordinates the homogeneous part is one small matrix per mode, else one large one. The march then costs
-one product with ``reading`` and one with ``transition`` per block, and touches the stops node by node.
+A scheme is a linear step, and K steps of it are again one, with K S force nodes. In modal coordinates the homogeneous
+part is one small matrix per mode, else one large one. The march then costs one product with ``reading`` and one with
+``transition`` per block, and touches the stops node by node.
 """
 
 from __future__ import annotations
 
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 
@@ -79,11 +78,6 @@ def powers_of(one: StepMap, steps: int, turn: bool) -> list[Array]:
     return levels
 
 
-def power_of(levels: list[Array], steps: int) -> Array:
-    """A^steps: the product of the powers that the binary digits name, in any order."""
-    return reduce(np.matmul, (level for i, level in enumerate(levels) if steps >> i & 1))
-
-
 def repeated(start: Array, levels: list[Array], steps: int) -> Array:
     """start A^j of (n, g, k) for j < steps: (n, steps, g, k)."""
     n, g, k = start.shape
@@ -99,19 +93,14 @@ def repeated(start: Array, levels: list[Array], steps: int) -> Array:
 
 
 class Propagator:
-    """K steps from the state z (a, N), packed as D numbers.
-
-    The block's entries w (R,) are the contact arguments, node by node and contact by contact, followed
-    by the channel positions at the ends of steps that are no node:
+    """K steps from the state z (a, N), packed as D numbers, with the entries w (R,), see ``Entries``:
 
         (w, z_new) = (reading z, transition z) + g rows + inflow
         F_i = F(w_i),  then  (w, z_new) += push_i F_i      for the nodes in order,
 
-    where w_i = r + s F_i is solved in closed form with the compliance s (0 where the contact is
-    extrapolated and w_i is the predictor); for other laws than the linear one see node.c, which takes the
-    velocities at the nodes too, entries after the others. ``block`` holds what is the same for every load; the
-    rows of the harmonic and constant loads, with g(t) at the block's start, are made by ``forcing``;
-    ``inflow`` is there for sampled loads and offsets only.
+    where w_i = r + s F_i is solved in closed form with the compliance s (0 where the contact is extrapolated and w_i is
+    the predictor); for other laws than the linear one see node.c. ``block`` is the same for every load, ``forcing``
+    gives the rows of harmonic and constant loads, with g(t) at the block's start, ``inflow`` the share of others.
 
     rule: how a node finds its force, see Block; BY_LAW has the velocities at the nodes among the entries. reduced:
     without the components of the state that only add to others, see ``independent``.
@@ -132,7 +121,7 @@ class Propagator:
         # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
         reading, transition = aligned((D, R)), aligned((k, D))
         reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
-        transition[:] = by_diagonals(power_of(levels, K))
+        transition[:] = by_diagonals(levels[-1])  # K is a power of two
         velocity = flat[:, one.readers.end_rates].swapaxes(0, 1)
         # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
         nodes, N = K * S * m, entries.nodes
@@ -146,7 +135,7 @@ class Propagator:
         self.load_velocity = speeds[m:].transpose(0, 2, 1, 4, 3).reshape((P - m) * K * S, C, K)
         # Loads, with their shares in the L loads, and offsets that are no formula are sampled, at nodes and entries.
         drive = Drive.of(coordinates.system)
-        self.samples = drive.split(load_terms(coordinates.system), P - m)[1]
+        self.loads, self.samples = P - m, drive.split(load_terms(coordinates.system), P - m)[1]
         self.offset_samples = drive.offsets(coordinates.system)[1]
 
     @property
@@ -194,24 +183,28 @@ class Propagator:
             return Inflow(np.zeros((0, R + D)), np.zeros((0, readers.channels, K)))
         begun = np.add.outer(starts, np.arange(K) * dt)[..., None]  # (B, K, 1)
         at_shares = lambda when: np.where(begun > last - 0.5 * dt, last, begun + when * dt)  # noqa: E731
-        rows, velocity = np.zeros((B, R + D)), np.zeros((B, readers.channels, K))
-        if self.samples:
-            times = at_shares(np.array(readers.nodes)).reshape(B, -1)
-            values = sum(np.multiply.outer(shares, evaluate(f, times)) for shares, f in self.samples)  # (L, B, K S)
-            values = np.ascontiguousarray(np.swapaxes(values, 0, 1)).reshape(B, -1)
-            rows += values @ self.load_rows
-            velocity += np.tensordot(values, self.load_velocity, 1)
+        times, moved = at_shares(np.array(readers.nodes)).reshape(B, -1), None
+        values = np.zeros((B, self.loads, times.shape[1]))  # (B, L, K S)
+        for shares, f in self.samples:
+            values += shares[:, None] * evaluate(f, times)[:, None]
         if self.offset_samples:
             times = at_shares(readers.when)
             moved = np.zeros(times.shape)  # (B, K, g)
             for unit, function in self.offset_samples:
-                # A moving stop adds its offset to positions and the rate of its offset to velocities.
                 for rates, value in ((False, evaluate), (True, offset_rate)):
                     here = np.flatnonzero((readers.is_rate == rates) & (readers.channel == np.argmax(unit)))
                     moved[..., here] += value(function, times[..., here])  # type: ignore[arg-type]
-            rows[:, :R] += self.entries.of_readings(moved, R)
-            velocity += moved[..., readers.end_rates].swapaxes(1, 2)
-        return Inflow(rows, velocity)
+        return Inflow(*self._effect(values.reshape(B, -1), moved))
+
+    def _effect(self, loads: Array, moved: Array | None) -> tuple[Array, Array]:
+        """Effect of loads (.., L K S) and of the motion of stops in the readings (.., K, g) on entries and new state
+        (.., R + D) and on velocities (.., C, K). Stops move positions by offsets, velocities by the rates of these."""
+        rows, velocity = loads @ self.load_rows, np.tensordot(loads, self.load_velocity, 1)
+        if moved is not None:
+            R = self.block.reading.shape[1]
+            rows[..., :R] += self.entries.of_readings(moved, R)
+            velocity += moved[..., self.one.readers.end_rates].swapaxes(-1, -2)
+        return rows, velocity
 
     @cached_property
     def own_forcing(self) -> Forcing:
@@ -220,28 +213,19 @@ class Propagator:
 
     def forcing(self, system: System) -> Forcing:
         """The harmonic and constant loads and offsets of a system that differs from this one in nothing else."""
-        drive = Drive.of(system)
-        rows, velocity = self._driven(drive, system)
-        constant = float(np.any(rows[0]) or np.any(velocity[..., 0]))
-        return Forcing(constant, np.array(drive.frequencies), copied(rows), velocity)
-
-    def _driven(self, drive: Drive, system: System) -> tuple[Array, Array]:
-        """Rows (d, R + D) and velocities (C, K, d): the effect in a block of the drive at its start."""
-        readers, dt, R = self.one.readers, self.one.dt, self.block.reading.shape[1]
+        drive, readers, dt, moved = Drive.of(system), self.one.readers, self.one.dt, None
         begun = np.arange(self.steps)[:, None] * dt
         loads = drive.split(load_terms(system), len(system.loads))[0]
         at_nodes = (begun + np.array(readers.nodes) * dt).reshape(-1, 1)
         values = _ahead(drive, loads, at_nodes).swapaxes(1, 2).reshape(drive.size, -1)  # (d, L K S)
-        rows, velocity = values @ self.load_rows, np.tensordot(values, self.load_velocity, 1)
         offsets = drive.offsets(system)[0]
         if np.any(offsets):
-            # A moving stop adds its offset to positions and the rate of its offset to velocities.
             rates = np.where(readers.is_rate, (drive.derivative().T @ offsets)[:, readers.channel], 0.0)
             places = np.where(readers.is_rate, 0.0, offsets[:, readers.channel])
             moved = _ahead(drive, places + rates, begun + readers.when * dt)  # (d, K, g)
-            rows[:, :R] += self.entries.of_readings(moved, R)
-            velocity += moved[..., readers.end_rates].swapaxes(1, 2)
-        return rows, velocity.transpose(1, 2, 0)
+        rows, velocity = self._effect(values, moved)  # (d, R + D), (d, C, K)
+        constant = float(np.any(rows[0]) or np.any(velocity[0]))
+        return Forcing(constant, np.array(drive.frequencies), copied(rows), velocity.transpose(1, 2, 0))
 
 
 def load_terms(system: System) -> list[Term]:

@@ -12,6 +12,7 @@ from ..kernels.march import BY_LAW, LINEAR, MEAN
 from ..model.contact import linear as all_linear
 from ..model.system import System
 from ..model.time_functions import offset_values
+from ..schemes import RIGID as RIGID_SCHEMES
 from ..schemes import RigidScheme, Scheme
 
 RIGID = -1  # the rule of rigid stops: reactions by complementarity
@@ -39,19 +40,22 @@ class Treatment:
         """RIGID, or how a node finds its forces: LINEAR, BY_LAW or MEAN. Raises InputError for stops and a start that
         do not fit the treatment or the scheme."""
         contacts, rigid = system.contacts, [contact.stops.rigid for contact in system.contacts]
-        if isinstance(scheme, RigidScheme) and not all(rigid):
-            stops = contacts[rigid.index(False)].stops
-            remedy = "use a scheme for compliant stops, as Trapezoidal, or give stiffness = inf"
-            raise InputError("stops.stiffness", stops.stiffness, f"be inf for {scheme}", remedy)
         if any(rigid) and not all(rigid):
             remedy = "take very stiff ones for inf"
             raise InputError("contacts", "rigid and compliant ones", "be all of one kind", remedy)
-        if isinstance(scheme, RigidScheme) or any(rigid):
+        if isinstance(scheme, RigidScheme):
+            if not all(rigid):
+                remedy = "use a scheme for compliant stops, as Trapezoidal, or give stiffness = inf"
+                raise InputError("stops.stiffness", contacts[0].stops.stiffness, f"be inf for {scheme}", remedy)
             if self.name != "implicit":
                 rule = "be 'implicit' for rigid stops"
                 raise InputError("contact", self.name, rule, "a reaction is no function of positions")
             _require_rigid(system, scheme)
             return RIGID
+        if any(rigid):
+            rule = f"be finite for {scheme}, which has no impact law"
+            have = ", ".join(f"{name}()" for name, kind in RIGID_SCHEMES.items() if kind().restitutes)
+            raise InputError("stops.stiffness", np.inf, rule, f"use {have}, or a large finite stiffness")
         for stops in (contact.stops for contact in contacts if self.name != "implicit"):
             if stops.dissipative:
                 name = "damping" if stops.damping else "dissipation"
@@ -77,25 +81,18 @@ class Treatment:
         return form
 
 
-TREATMENTS = {
-    treatment.name: treatment
-    for treatment in (
-        Treatment("implicit"),
-        Treatment("extrapolated", predicts=True),
-        Treatment("conserving", means=True),
-    )
-}
+_ALL = Treatment("implicit"), Treatment("extrapolated", predicts=True), Treatment("conserving", means=True)
+TREATMENTS = {treatment.name: treatment for treatment in _ALL}
 
 
-def _require_rigid(system: System, scheme: Scheme) -> None:
+def _require_rigid(system: System, scheme: RigidScheme) -> None:
     """Raise InputError if the scheme, the restitution of rigid stops, or the start do not fit together."""
-    restitutes = isinstance(scheme, RigidScheme) and scheme.restitutes
     for each in system.contacts:
         e = each.stops.restitution
-        if restitutes and e is None:
+        if scheme.restitutes and e is None:
             remedy = "give the stops a restitution in [0, 1]"
             raise InputError("stops.restitution", e, f"be given for {scheme}, which has an impact law", remedy)
-        if not restitutes and e is not None:
+        if not scheme.restitutes and e is not None:
             rule = f"be left out for {scheme}, which has no impact law"
             raise InputError("stops.restitution", e, rule, "use MoreauJean, or leave it out")
         moved = float(offset_values(each.offset, 0.0))

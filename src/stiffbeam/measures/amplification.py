@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, number, numbers, one_of
-from ..march.probe import Coordinates, StepMap
-from ..model.modes import Modes, modes
-from ..model.system import System
+from ..march.probe import components
+from ..model.equations import Modal
+from ..model.modes import modes
 from ..schemes import Scheme
 from ..schemes.scheme import require_scheme
 from ..trajectory.trajectory import Trajectory
@@ -82,7 +82,7 @@ def amplification(
     damping_ratio : float
         Physical damping xi in [0, 1).
     source : {"kernel", "closed form"}
-        "kernel": eigenvalues of the propagator that the march uses. "closed form": roots of the scheme's
+        "kernel": eigenvalues of the step that the march uses. "closed form": roots of the scheme's
         characteristic polynomial, for schemes that state one.
 
     Returns
@@ -112,7 +112,7 @@ def amplification(
         raise InputError("damping_ratio", damping_ratio, "lie in [0, 1)", "for example 0.02")
     one_of("source", source, SOURCES)
     require_scheme(scheme)
-    afford("dt_over_period", f"{x.size} numbers", "ask for fewer at once", floats=6.0 * x.size**2)
+    afford("dt_over_period", f"{x.size} numbers", "ask for fewer at once", floats=200.0 * x.size)
     roots = _kernel_roots(scheme, x, xi) if source == "kernel" else _closed_roots(scheme, x, xi)
     # A real pair may leave the axis by the square root of rounding.
     complex_ones = np.abs(np.imag(roots)) > 1e-7 * np.abs(roots)
@@ -127,16 +127,12 @@ def amplification(
 
 
 def _kernel_roots(scheme: Scheme, x: Array, xi: float) -> Array:
-    """Eigenvalues (len(x), a) of the one-step propagator on independent oscillators with dt = 1."""
+    """Eigenvalues (len(x), a) of a step with dt = 1 on independent oscillators, from unit states."""
     omega = 2.0 * np.pi * x
-    n = len(x)
-    # n oscillators that do not couple: all dt/T are probed at once.
-    one, nothing = np.eye(n), np.zeros(n)
-    system = System(
-        mass=one, damping=np.diag(2.0 * xi * omega), stiffness=np.diag(omega**2), observe=one[0], q0=nothing, v0=nothing
-    )
-    basis = Modes(omega=omega, shapes=one, damping=2.0 * xi * omega, mass=one)
-    return np.linalg.eigvals(StepMap(scheme, Coordinates(system, basis), 1.0).transition)
+    equation, n = Modal(omega, 2.0 * xi * omega), len(x)
+    units = np.eye(components(scheme, equation, n))[..., None] * np.ones(n)
+    none = [np.zeros(units.shape[1:])] * len(scheme.nodes)
+    return np.linalg.eigvals(np.transpose(scheme.step(equation, 1.0, units, none, none)[0], (2, 0, 1)))
 
 
 def _closed_roots(scheme: Scheme, x: Array, xi: float) -> Array:

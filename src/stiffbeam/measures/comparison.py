@@ -23,7 +23,7 @@ from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
-from .report import report
+from .report import Report
 
 if TYPE_CHECKING:
     import pandas
@@ -42,8 +42,8 @@ class PhaseLag:
     lag and residual are NaN where the lag is undefined, and ``undefined`` says why.
     """
 
-    lag: float
-    residual: float
+    lag: float = float("nan")
+    residual: float = float("nan")
     undefined: str = ""
 
 
@@ -56,19 +56,18 @@ def phase_lag(
     w1 = ``first``. u_run between its steps is the cubic Hermite interpolant. A grid of 401 shifts, then
     Brent's method. Undefined if ``end`` < 4 tau_m or the minimum lies at an end of the range.
     """
-    nan = float("nan")
     if max(drive, first) <= 0.0:
-        return PhaseLag(nan, nan, "nothing here has a frequency")
+        return PhaseLag(undefined="nothing here has a frequency")
     tau_m = np.pi / (2.0 * max(drive, first))
     if end < 4.0 * tau_m * (1 - 1e-12):  # a drift is as long as the run, whose end has a rounding
-        return PhaseLag(nan, nan, f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
+        return PhaseLag(undefined=f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
     # The ends are left out, so that every shifted time lies in the window.
     counted = (t >= tau_m) & (t <= end - tau_m)
     inside, weights = t[counted], step_lengths(t)[counted]
     target = reference(inside)
     scale = float(np.sum(weights * target**2))
     if scale == 0.0:
-        return PhaseLag(nan, nan, "the reference is at rest")
+        return PhaseLag(undefined="the reference is at rest")
     run = CubicHermiteSpline(t, u, v)
 
     # By tau/tau_m: Brent's method has an absolute tolerance, which a small unit of time would exceed.
@@ -80,7 +79,7 @@ def phase_lag(
     values = [J(share) for share in shifts]
     best = int(np.argmin(values))
     if best in (0, GRID - 1):
-        return PhaseLag(nan, nan, f"no best shift within {tau_m:.3g}")
+        return PhaseLag(undefined=f"no best shift within {tau_m:.3g}")
     # Bounded, since a bracket needs a minimum that rises above rounding on both sides.
     bounds = float(shifts[best - 1]), float(shifts[best + 1])
     result: Any = minimize_scalar(J, bounds=bounds, method="bounded", options={"xatol": 1e-10})
@@ -128,32 +127,41 @@ class ContactComparison:
 class Tables:
     """Views of one comparison or of several: tables and a picture."""
 
-    def _all(self) -> tuple[Comparison, ...]:
+    @property
+    def _all(self: Any) -> tuple[Comparison, ...]:
         """The comparisons in the tables."""
-        raise NotImplementedError
+        return self if isinstance(self, tuple) else (self,)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One line a run, the entries of ``Comparison.to_dict`` flat: phase_lag, contact0_run_peak_force and so on;
         units in attrs."""
         import pandas
 
-        frame = pandas.json_normalize([c.records(named=True) for c in self._all()], sep="_")
-        frame.attrs["units"] = list(self._all()[0].units)
+        rows = [c.records() for c in self._all]
+        for row in rows:
+            row |= {name: "; ".join(row[name]) for name in ("units", "missing")}
+            row |= {f"contact{i}": contact for i, contact in enumerate(row.pop("contacts"))}
+        frame = pandas.json_normalize(rows, sep="_")
+        frame.attrs["units"] = list(self._all[0].units)
         return frame
 
     def to_latex(self) -> str:
         """The tables for a paper, by booktabs."""
-        return report(self._all()).latex()
+        options: dict[str, Any] = {"index": False, "escape": True, "position": "ht"}
+        return "\n".join(
+            frame.to_latex(caption=title, column_format="l" + "r" * (len(frame.columns) - 1), **options)
+            for title, frame in Report(self._all).tables
+        )
 
     def figure(self) -> Figure:
         """The runs beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
-        return DRAW["comparison"](self._all())
+        return DRAW["comparison"](self._all)
 
     def __str__(self) -> str:
-        return str(report(self._all()))
+        return str(Report(self._all))
 
     def _repr_html_(self) -> str:
-        return report(self._all()).html()
+        return Report(self._all).html()
 
 
 @dataclass(frozen=True, repr=False)
@@ -222,17 +230,10 @@ class Comparison(Tables):
         inside = steps_to(self.times, time)
         return rms(self.error[:inside], self.times[:inside])
 
-    def _all(self) -> tuple[Comparison, ...]:
-        return (self,)
-
-    def records(self, named: bool = False) -> dict[str, Any]:
-        """All numbers; the contacts as a list, or each under its name in a DataFrame, with texts in place of lists."""
+    def records(self) -> dict[str, Any]:
+        """All fields but ``error``, ``times`` and ``pair``, as dictionaries."""
         records = asdict(replace(self, error=np.zeros(0), times=np.zeros(0), pair=None))
-        rest = {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
-        if named:
-            rest |= {"units": "; ".join(self.units), "missing": "; ".join(self.missing)}
-            rest |= {f"contact{i}": contact for i, contact in enumerate(rest.pop("contacts"))}
-        return rest
+        return {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; NaN becomes None, as JSON has none."""
@@ -245,9 +246,6 @@ class Comparison(Tables):
 
 class Comparisons(Tables, tuple["Comparison", ...]):
     """Several runs against one reference, as one table: a tuple of Comparison."""
-
-    def _all(self) -> tuple[Comparison, ...]:
-        return self
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""
@@ -389,18 +387,15 @@ def _contact(
     elif run.provenance.get("source") == "arrays":  # read from steps, and so are the reference's then
         true = sampled_impacts(t, *reference.at(t, contact=i), stops)
     known_to = float(reference.provenance["t_end"])
-    of_run, of_reference = (
-        {end: _measures(one, i, rows, force, t, end) for end in (window, min(float(run.t[-1]), known_to))}
+    (of_run, run_totals), (of_reference, totals) = (
+        [_measures(one, i, rows, force, t, end) for end in (window, min(float(run.t[-1]), known_to))]
         for one, rows, force in ((run, impacts, forces[0]), (reference, true, forces[1]))
     )
     # Where no impact of the run is known, nothing parts and nothing is paired.
     matching = Matching(0, window, np.nan, np.nan)
     if record.impacts.kind != "unknown":
         matching = match(impacts, true, window, longest_delay(system, known_to))
-    return ContactComparison(
-        name=contact_name(system, i), run=of_run[window], reference=of_reference[window], matching=matching,
-        run_totals=list(of_run.values())[-1], reference_totals=list(of_reference.values())[-1],
-    )  # fmt: skip
+    return ContactComparison(contact_name(system, i), of_run, of_reference, matching, run_totals, totals)
 
 
 def _measures(run: Trajectory, i: int, impacts: Impacts, force: Array | None, t: Array, end: float) -> ContactMeasures:

@@ -153,30 +153,21 @@ def longest_delay(system: System, t_end: float) -> float:
 
 def match(run: Impacts, reference: Impacts, window: float, longest: float = np.inf) -> Matching:
     """Pair two impact sequences; both may reach past ``window``. longest: see ``longest_delay``."""
-    n = min(run.count, reference.count)
-    times = reference.times
+    n, times = min(run.count, reference.count), reference.times
     # Within half of the smaller gap an impact is nearer to this reference impact than to any other.
-    gaps = np.diff(times)
-    after = np.append(gaps, np.inf)[: len(times)]
-    before = np.insert(gaps, 0, np.inf)[: len(times)]
-    tolerance = np.minimum(before, after) / 2.0
-    tolerance[np.isinf(tolerance)] = window / 2.0  # a single impact has no neighbour
-    tolerance = np.minimum(tolerance, longest)
+    gaps = np.diff(times, prepend=-np.inf, append=np.inf)
+    nearer = 0.5 * np.minimum(gaps[1:], gaps[:-1])[:n]
+    tolerance = np.minimum(np.where(np.isinf(nearer), window / 2.0, nearer), longest)  # a single one has no neighbour
     delay = run.times[:n] - times[:n]
-    fails = (run.stops[:n] != reference.stops[:n]) | ~(np.abs(delay) < tolerance[:n])
+    fails = (run.stops[:n] != reference.stops[:n]) | ~(np.abs(delay) < tolerance)
     # After the first pair that does not hold, equal numbers no longer mean the same impact.
     matched = int(np.argmax(fails)) if np.any(fails) else n
     # The match ends at the first impact without its partner.
-    until = window
-    if matched < reference.count:
-        until = float(times[matched])
-    elif matched < run.count:
-        until = float(run.times[matched])
-    until = min(until, window)
+    alone = (times if matched < reference.count else run.times)[matched : matched + 1]
     inside = delay[:matched][times[:matched] <= window]
     return Matching(
         matched=len(inside),
-        matched_until=until,
+        matched_until=min(window, *alone.tolist()) if len(alone) else window,
         first_error=float(delay[0]) if n and times[0] <= window else float("nan"),
         median_delay=float(np.median(inside)) if len(inside) else float("nan"),
     )

@@ -19,8 +19,9 @@ that its correlation does not swing; there are at most MOST of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,11 +45,11 @@ if TYPE_CHECKING:
 LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
 CELLS, MOST_NODES = 243, 2_000_000  # nodes of the quadrature over a contact, a multiple of 3; over all contacts
-RATES = {
-    "impact": "rate", "impulse": "force", "contact": "", "normal_work": "power", "sliding_work": "power",
-    "force_rms": "force",
+RATES = {  # name: its column in a table, its quantity
+    "impact": ("impact_rate", "rate"), "impulse": ("impulse_rate", "force"), "contact": ("contact_fraction", ""),
+    "normal_work": ("normal_work_rate", "power"), "sliding_work": ("sliding_work_rate", "power"),
+    "force_rms": ("force_rms", "force"),
 }  # fmt: skip
-NAMES = {name: f"{name}_rate" for name in RATES} | {"contact": "contact_fraction", "force_rms": "force_rms"}
 # Times (k,), weights (k,) of an integral over time, and at these times F, v and the sliding velocity.
 Nodes = tuple[Array, Array, Array, Array, Array]
 
@@ -62,9 +63,9 @@ class Mean:
     high: float
     effective: float
 
-    def within(self, low: float, high: float = np.inf) -> Mean:
-        """The mean with its interval cut at the bounds of what is possible."""
-        return Mean(self.value, float(np.maximum(low, self.low)), float(np.minimum(high, self.high)), self.effective)
+    def within(self, most: float = np.inf) -> Mean:
+        """The mean with its interval cut at 0 and the largest value that is possible."""
+        return Mean(self.value, float(np.maximum(0.0, self.low)), float(np.minimum(most, self.high)), self.effective)
 
 
 def stationary_mean(series: ArrayLike) -> Mean:
@@ -121,20 +122,20 @@ class ContactRates:
 
         ``contact_fraction`` is the share of the time in contact.
         """
-        columns: dict[str, Any] = {"contact": np.arange(len(self.rates))}
-        for name, column in NAMES.items():
-            for end, suffix in (("value", ""), ("low", "_low"), ("high", "_high")):
-                columns[f"{column}{suffix}"] = [getattr(each[name], end) for each in self.rates]
-        return table(columns | {"source": list(self.sources)}).set_index("contact")
+        columns: dict[str, Any] = {
+            column + suffix: [getattr(each[name], end) for each in self.rates]
+            for name, (column, _) in RATES.items()
+            for end, suffix in (("value", ""), ("low", "_low"), ("high", "_high"))
+        }
+        return table(columns | {"source": list(self.sources)}).rename_axis("contact")
 
     def __str__(self) -> str:
         lines = []
-        for i, (each, source) in enumerate(zip(self.rates, self.sources, strict=True)):
-            for name, quantity in RATES.items():
-                x = each[name]
-                if np.isfinite(x.value):
-                    label = with_unit(self.run.units, f"contact {i}: {NAMES[name].replace('_', ' ')}", quantity)
-                    lines.append(f"{label} {x.value:.4g} ({x.low:.4g} to {x.high:.4g}), {source}")
+        for i, name in product(range(len(self.rates)), RATES):
+            x, (column, quantity) = self.rates[i][name], RATES[name]
+            label = with_unit(self.run.units, f"contact {i}: {column.replace('_', ' ')}", quantity)
+            if np.isfinite(x.value):
+                lines.append(f"{label} {x.value:.4g} ({x.low:.4g} to {x.high:.4g}), {self.sources[i]}")
         return "\n".join(lines)
 
 
@@ -200,9 +201,8 @@ def contact_rates(
             integrals[3] = np.nan
         means = {"impact": _rate_of(contact.impacts.times, edges)}
         for name, series in zip(list(RATES)[1:], integrals / width, strict=True):
-            known = bool(np.all(np.isfinite(series)))
-            mean = stationary_mean(series) if known else Mean(*4 * (float("nan"),))
-            means[name] = mean.within(0.0, 1.0 if name == "contact" else np.inf)
+            mean = stationary_mean(series) if np.all(np.isfinite(series)) else Mean(*4 * (float("nan"),))
+            means[name] = mean.within(1.0 if name == "contact" else np.inf)
         square = means["force_rms"]
         means["force_rms"] = Mean(square.value**0.5, square.low**0.5, square.high**0.5, square.effective)
         rates.append(means)
@@ -234,7 +234,7 @@ def _rate_of(times: Array, edges: Array) -> Mean:
     counts, span = np.histogram(times, edges)[0], float(edges[-1] - edges[0])
     count = int(np.sum(counts))
     if count >= LEAST:
-        return stationary_mean(counts / np.diff(edges)).within(0.0)
+        return stationary_mean(counts / np.diff(edges)).within()
     low = 0.5 * float(chi2.ppf(0.025, 2 * count)) if count else 0.0
     high = 0.5 * float(chi2.ppf(0.975, 2 * count + 2))
     return Mean(count / span, low / span, high / span, float(count))
@@ -253,37 +253,34 @@ def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> l
     return rows
 
 
-def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Iterator[Nodes]]:
+def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Iterable[Nodes]]:
     """Source of the forces of contact i, and the nodes of an integral over time, in pieces of the run."""
-    contact, every = run.contacts[i], int(run.provenance.get("every", 1))
-    if isinstance(run, Reference):
-        if run.evaluate is not None and contact.impacts.kind == "event":
-            return _between_events(run, i, tangent, edges)
-    elif run.pieces is not None and run.system is not None and (every > 1 or tangent is not None):
-        return "every step", _steps(run, i, tangent)
-    source = "every step" if every == 1 and not isinstance(run, Reference) else f"{len(run.t)} output times"
+    contact, every, scheme = run.contacts[i], int(run.provenance.get("every", 1)), not isinstance(run, Reference)
+    if isinstance(run, Reference) and run.evaluate is not None and contact.impacts.kind == "event":
+        return _between_events(run, i, tangent, edges)
+    if scheme and run.pieces is not None and run.system is not None and (every > 1 or tangent is not None):
+        return "every step", _steps(run.pieces(), run.system, i, tangent)
+    source = "every step" if every == 1 and scheme else f"{len(run.t)} output times"
     sliding = np.full(len(run.t), np.nan) if tangent is None else run.states[1] @ tangent
-    return source, iter([(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)])
+    return source, [(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)]
 
 
 def _trapezoidal(t: Array) -> Array:
     """Weights of the trapezoidal rule."""
-    steps = np.diff(t)
-    return 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
+    steps = np.diff(t, prepend=t[0], append=t[-1])
+    return 0.5 * (steps[1:] + steps[:-1])
 
 
-def _steps(run: Trajectory, i: int, tangent: Array | None) -> Iterator[Nodes]:
+def _steps(pieces: Iterator[Any], system: System, i: int, tangent: Array | None) -> Iterator[Nodes]:
     """Nodes of a contact at every step, from a second run."""
-    assert run.pieces is not None
-    assert run.system is not None
-    for t, q, rate, forces in run.pieces():
-        u, v = channel_motion(*run.system.channels[i], t, q, rate)
+    for t, q, rate, forces in pieces:
+        u, v = channel_motion(*system.channels[i], t, q, rate)
         # A force that jumps is that of the node, others follow from the state.
-        force = np.where(np.isnan(forces[:, i]), run.contacts[i].stops.force(u, v), forces[:, i])
+        force = np.where(np.isnan(forces[:, i]), system.contacts[i].stops.force(u, v), forces[:, i])
         yield t, _trapezoidal(t), force, v, np.full(len(v), np.nan) if tangent is None else rate @ tangent
 
 
-def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, Iterator[Nodes]]:
+def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, list[Nodes]]:
     """Midpoints of equal cells of every contact; the source states by how much a third of them changes the works."""
     listed, _ = run.contacts[i].impacts.listed()
     ends = np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
@@ -293,7 +290,7 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
     closed = ((last >= 0) & (corners < np.append(ends, -np.inf)[last]))[:-1]
     left, width = corners[:-1][closed], np.diff(corners)[closed]
     if not len(left):
-        return "events", iter(())
+        return "events", []
     cells = min(CELLS, 3 * max(1, MOST_NODES // (3 * len(left))))
     t = left[:, None] + width[:, None] * (np.arange(cells) + 0.5) / cells
     u, v = (x.reshape(t.shape) for x in run.at(t.ravel(), contact=i))
@@ -307,4 +304,4 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
     change = np.max(np.abs(whole - third) / np.where(whole > 0.0, whole, 1.0), initial=0.0)
     weights = np.broadcast_to(width[:, None] / cells, t.shape)
     nodes = t.ravel(), weights.ravel(), force.ravel(), v.ravel(), sliding.ravel()
-    return f"events, quadrature to {change:.0e}", iter([nodes])
+    return f"events, quadrature to {change:.0e}", [nodes]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from html import escape
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -50,16 +49,12 @@ def largest(run: Trajectory) -> str:
     """Number of impacts, largest contact force or, on rigid stops, impulse, and largest displacement of a run, and the
     horizon within it."""
     records = run.contacts
-    impulses = [x for record in records if record.stops.rigid for x in record.impacts.impulses]
-    facts = [
-        f"largest {name} {np.nanmax(values):.4g}"
-        for name, values in (
-            ("contact force", [record.peak_force for record in records]),
-            ("impulse", impulses),
-            ("displacement", np.abs(run.tip)),
-        )
-        if np.any(np.greater(values, 0.0))
-    ]
+    sizes: dict[str, Any] = {
+        "contact force": [record.peak_force for record in records],
+        "impulse": [x for record in records if record.stops.rigid for x in record.impacts.impulses],
+        "displacement": np.abs(run.tip),
+    }
+    facts = [f"largest {name} {np.nanmax(x):.4g}" for name, x in sizes.items() if np.any(np.greater(x, 0.0))]
     if records and not any(record.impacts.kind == "unknown" for record in records):
         facts.insert(0, several(sum(record.impacts.count for record in records), "impact"))
     if isinstance(run, Reference) and run.horizon < run.t[-1]:
@@ -96,14 +91,26 @@ def common_window(comparisons: Sequence[Comparison]) -> float:
     return min((c.matched_until for c in whole if c.matched_until > c.dt), default=longest)
 
 
-@dataclass(frozen=True)
 class Report:
-    """Tables of a comparison, each a title and a DataFrame of texts, with remarks above and notes below them."""
+    """Tables of comparisons with one reference, to the horizon and of the whole runs: each a title and a DataFrame of
+    texts, with remarks above and notes below them.
 
-    remarks: tuple[str, ...]
-    tables: tuple[tuple[str, Any], ...]
-    notes: tuple[str, ...]
-    failures: tuple[tuple[str, str, str], ...] = ()  # "failed" or "refused", label, message
+    failures: ("failed" or "refused", label, message) of what could not be compared.
+    """
+
+    def __init__(
+        self,
+        comparisons: Sequence[Comparison],
+        references: Sequence[Reference] = (),
+        failures: Sequence[tuple[str, str, str]] = (),
+    ) -> None:
+        self.failures = failures
+        self.remarks = dict.fromkeys(c.remark for c in comparisons if c.remark)
+        self.tables, self.notes = list[tuple[str, Any]](), dict[str, None]()
+        if comparisons:
+            self.tables = [_table(comparisons, to_end) for to_end in (False, True)]
+            heads = " ".join(str(head) for _, frame in self.tables for head in frame)
+            self.notes = dict.fromkeys(_notes(comparisons, references, heads))
 
     def __str__(self) -> str:
         """The tables as text: heads of columns in two lines, names to the left."""
@@ -123,32 +130,6 @@ class Report:
         tables = [f"<p><b>{escape(title)}</b></p>{frame.to_html(index=False)}" for title, frame in self.tables]
         before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines) for lines in (self.remarks, self.notes))
         return before + "".join(tables) + after
-
-    def latex(self) -> str:
-        """The tables for a paper, by booktabs."""
-        return "\n".join(
-            frame.style.hide(axis="index").to_latex(
-                hrules=True, caption=title, position="ht", column_format="l" + "r" * (len(frame.columns) - 1)
-            ).replace("%", r"\%").replace("_", r"\_")
-            for title, frame in self.tables
-        )  # fmt: skip
-
-
-def report(
-    comparisons: Sequence[Comparison],
-    references: Sequence[Reference] = (),
-    failures: Sequence[tuple[str, str, str]] = (),
-) -> Report:
-    """Return the tables of comparisons with one reference, to the horizon and of the whole runs, and the failures."""
-    tables = tuple(zip(_titles(comparisons), (_frame(comparisons, x) for x in (False, True)), strict=True)
-                   if comparisons else ())  # fmt: skip
-    heads = " ".join(str(head) for _, frame in tables for head in frame)
-    return Report(
-        remarks=tuple(dict.fromkeys(c.remark for c in comparisons if c.remark)),
-        tables=tables,
-        notes=tuple(dict.fromkeys(_notes(comparisons, references, heads))) if comparisons else (),
-        failures=tuple(failures),
-    )
 
 
 def method_of(label: str) -> str:
@@ -176,8 +157,8 @@ def _touched(comparisons: Sequence[Comparison]) -> list[int]:
 NONE = ContactMeasures(0, 0, 0.0, 0.0, 0.0)  # of a run that touches nothing
 
 
-def _frame(comparisons: Sequence[Comparison], to_end: bool) -> Any:
-    """A line for the reference and each run, with its only contact, or with a line for each of several contacts.
+def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
+    """A title, and a line for the reference and each run, with its only contact, or with a line for each of several.
 
     to_end: totals and cost of the whole runs, else the measures to the horizon. Empty columns are left out.
     """
@@ -198,11 +179,8 @@ def _frame(comparisons: Sequence[Comparison], to_end: bool) -> Any:
         }  # fmt: skip
 
     def of_contact(c: Comparison, run: bool, contact: ContactComparison | None) -> dict[str, str]:
-        x = NONE
-        if contact is not None and to_end:
-            x = contact.run_totals if run else contact.reference_totals
-        elif contact is not None:
-            x = contact.run if run else contact.reference
+        side = ("run" if run else "reference") + "_totals" * to_end
+        x = NONE if contact is None else getattr(contact, side)
         row = {"impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction)}
         if to_end:
             return row | {force: number(x.peak_force, 4), impulse: number(x.impulse, 4)}
@@ -226,19 +204,22 @@ def _frame(comparisons: Sequence[Comparison], to_end: bool) -> Any:
     order = ["run", "ns per step", "tip error", lag, delay, "energy lost", "impacts right to", "impacts",
              "contact time", force, impulse]  # fmt: skip
     frame: Any = pandas.DataFrame(rows).fillna(DASH)
-    return frame[[head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]]
+    return _title(comparisons, to_end), frame[
+        [head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]
+    ]
 
 
-def _titles(comparisons: Sequence[Comparison]) -> tuple[str, str]:
-    """Titles of the two tables. Past the horizon, or where impacts differ, single runs differ by chance."""
+def _title(comparisons: Sequence[Comparison], to_end: bool) -> str:
+    """Title of a table. Past the horizon, or where impacts differ, single runs differ by chance."""
     first, end = comparisons[0], max(c.t_end for c in comparisons)
-    form, said = first.reference.partition("@")[2], ""
+    form = first.reference.partition("@")[2]
+    if not to_end:
+        return f"To the horizon t = {number(first.window)}, {form} form"
     parted = min((c.matched_until for c in comparisons if c.matched_until < c.window), default=first.window)
+    differ = f"; impacts differ from t = {number(parted)} on" if parted < first.window else ""
     if first.window < end * (1 - 1e-9):
-        said = ": one realisation each, compare statistically"
-    elif parted < first.window:
-        said = f"; impacts differ from t = {number(parted)} on"
-    return f"To the horizon t = {number(first.window)}, {form} form", f"To t = {end:g}, {form} form{said}"
+        differ = ": one realisation each, compare statistically"
+    return f"To t = {end:g}, {form} form{differ}"
 
 
 def _until(until: float, window: float, horizon: float) -> str:

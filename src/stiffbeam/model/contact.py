@@ -43,7 +43,7 @@ class Stops(Frozen):
         lambda >= 0, per velocity: the law of Hunt and Crossley. A free mass with the speed s rebounds with e s where
         1 - e x = (1 + x) exp(-(1 + e) x), x = lambda s.
     restitution : float, optional
-        Rigid stops only: Newton's e in [0, 1], u'+ = -e u'-. None for schemes without an impact law.
+        Rigid stops only: Newton's e in [0, 1], u'+ = -e u'-. None for ``ContactStabilisedNewmark``.
     position : float, optional
         Beams only: the place x along the beam; None is the tip. A contact of matrices has its row instead.
     motion : time function, optional

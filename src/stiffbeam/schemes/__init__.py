@@ -4,25 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .bathe import Bathe as Bathe
-from .bdf2 import BDF2 as BDF2
-from .conserving import ExponentialFlow as ExponentialFlow
-from .conserving import Theta as Theta
-from .conserving import Trapezoidal as Trapezoidal
-from .contact_stabilised import ContactStabilisedNewmark as ContactStabilisedNewmark
-from .misprints import PrintedSigma as PrintedSigma
-from .misprints import PrintedStageMatrix as PrintedStageMatrix
-from .misprints import UnweightedHHT as UnweightedHHT
-from .moreau_jean import MoreauJean as MoreauJean
-from .newmark import HHT as HHT
-from .newmark import GeneralisedAlpha as GeneralisedAlpha
-from .nonsmooth_alpha import NonsmoothGeneralisedAlpha as NonsmoothGeneralisedAlpha
-from .paoli_schatzman import PaoliSchatzman as PaoliSchatzman
-from .scheme import RigidScheme as RigidScheme
-from .scheme import Scheme as Scheme
-from .scheme import takes_stops as takes_stops
+from .bathe import Bathe
+from .bdf2 import BDF2
+from .conserving import ExponentialFlow, Theta, Trapezoidal
+from .misprints import PrintedSigma, PrintedStageMatrix, UnweightedHHT
+from .newmark import HHT, GeneralisedAlpha
+from .rigid import ContactStabilisedNewmark, MoreauJean, NonsmoothGeneralisedAlpha, PaoliSchatzman, RigidScheme
+from .rigid import takes_stops as takes_stops
+from .scheme import Scheme
 from .sdirk import GAMMA_THIRD_ORDER as GAMMA_THIRD_ORDER
-from .sdirk import SDIRK as SDIRK
+from .sdirk import SDIRK
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,7 +23,7 @@ SCHEMES: dict[str, type[Scheme]] = {
     for scheme in (BDF2, SDIRK, HHT, GeneralisedAlpha, Trapezoidal, Bathe, Theta, ExponentialFlow)
 }
 
-# For stops with stiffness=inf only; the schemes in SCHEMES take these stops too.
+# For stops with stiffness=inf, and for these alone.
 RIGID: dict[str, type[RigidScheme]] = {
     scheme.__name__: scheme
     for scheme in (MoreauJean, PaoliSchatzman, ContactStabilisedNewmark, NonsmoothGeneralisedAlpha)

@@ -23,11 +23,9 @@ KNOWN_FORMS = (*ALL_FORMS, "matrices")
 
 def make(name: str, **parameters: Any) -> Scheme:
     """The registered scheme ``name``, or the one that ``module:Class`` names, with its parameters."""
-    kind = _registered(name)
-    if kind is None and ":" not in name:
-        remedy = near(name, ALL)
-        raise InputError("scheme", name, "be a registered scheme", remedy)
-    kind = kind or user_class(name)
+    kind = _registered(name) or (user_class(name) if ":" in name else None)
+    if kind is None:
+        raise InputError("scheme", name, "be a registered scheme", near(name, ALL))
     # A wrong name is refused here, with the nearest right one, and not by Python's TypeError.
     names = [p for p in signature(kind).parameters if p not in ("args", "kwargs")]
     for parameter in parameters:
@@ -49,37 +47,30 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
     For example ``bdf2``, ``HHT(alpha=-0.1)@displacement``, ``SDIRK(gamma=0.4359, nystrom=True)``,
     ``mymodule:Central(theta=0.5)`` for a class of one's own.
     """
+    remedy = "for example HHT(alpha=-0.1)@displacement"
     if not isinstance(text, str) or len(text) > LONGEST_RUN:
-        remedy = "e.g. HHT(alpha=-0.1)@displacement"
         raise InputError("scheme", text, f"be a text of at most {LONGEST_RUN} letters", remedy)
     # name or module:Class, arguments, semi-discrete form.
-    pattern = (
-        r"\s*(?P<name>[\w.]+:\w+|[\w-]+)\s*(\((?P<args>[^()]*)\))?"
-        r"\s*(@\s*(?P<form>[\w-]+))?\s*"
-    )
-    match = re.fullmatch(pattern, text)
+    match = re.fullmatch(r"\s*([\w.]+:\w+|[\w-]+)\s*(?:\(([^()]*)\))?\s*(?:@\s*([\w-]+))?\s*", text)
     if not match:
-        remedy = "e.g. HHT(alpha=-0.1)@displacement"
         if re.search(r"\.(csv|txt|nc|mat|json)$", text):
             remedy = "the columns of a file are compared in Python, by sb.compare([t, tip], reference)"
         raise InputError("scheme", text, "read name(parameter=value, ...)@form", remedy)
+    name, arguments, form = match.groups()
     parameters: dict[str, Any] = {}
     # Arguments by name only, as a label is written.
-    for item in filter(None, (match["args"] or "").split(",")):
+    for item in filter(None, (arguments or "").split(",")):
         key, equals, value = (part.strip() for part in item.partition("="))
         if not equals:
-            raise InputError("scheme", text, "name every parameter", "for example HHT(alpha=-0.1)")
+            raise InputError("scheme", text, "name every parameter", remedy)
         if key in parameters:
             raise InputError("scheme", text, f"give {key} once", "leave one of them out")
         try:
             # Literals only: a label is text from a command line or a file; its values must not run as code.
-            truth = {"true": True, "false": False}
-            parameters[key] = truth[value.lower()] if value.lower() in truth else ast.literal_eval(value)
+            parameters[key] = ast.literal_eval(value.title() if value.lower() in ("true", "false") else value)
         except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
-            remedy = "for example HHT(alpha=-0.1)"
             raise InputError("scheme", text, f"give {key} a number, true or false", remedy) from None
-    form = match["form"] or default_form
-    return make(match["name"], **parameters), one_of("form", form, KNOWN_FORMS)
+    return make(name, **parameters), one_of("form", form or default_form, KNOWN_FORMS)
 
 
 def split_runs(text: str) -> list[str]:

@@ -16,13 +16,13 @@ class WeightedNewmark(Scheme):
 
     Order 2 for gamma = 1/2 - alpha_m + alpha_f, if every force is in N and the acceleration a is carried
     from step to step, with a^0 from the equation of motion; a is not M^-1 N. Loads and contact enter as
-    (1 - alpha_f) f^{n+1} + alpha_f f^n. State: (q, v, a, M^-1 N).
+    (1 - alpha_f) f^{n+1} + alpha_f f^n. beta = (1/2 + gamma)^2/4. State: (q, v, a, M^-1 N).
     """
 
-    alpha_m: float
-    alpha_f: float
-    beta: float
-    gamma: float
+    def __init__(self, alpha_m: float, alpha_f: float) -> None:
+        self.alpha_m, self.alpha_f = alpha_m, alpha_f
+        self.beta = (1.0 - alpha_m + alpha_f) ** 2 / 4.0
+        self.gamma = 0.5 - alpha_m + alpha_f
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
         """(q, v, a, a) with a from the equation of motion."""
@@ -87,9 +87,7 @@ class HHT(WeightedNewmark):
         self.alpha = in_interval(
             "alpha", alpha, -1.0 / 3.0, 0.0, "if your alpha is in [0, 1/3], pass -alpha; if in [2/3, 1], alpha - 1"
         )
-        self.alpha_m, self.alpha_f = 0.0, -self.alpha
-        self.beta = (1.0 - self.alpha) ** 2 / 4.0
-        self.gamma = 0.5 - self.alpha
+        super().__init__(0.0, -self.alpha)
 
 
 class GeneralisedAlpha(WeightedNewmark):
@@ -117,7 +115,4 @@ class GeneralisedAlpha(WeightedNewmark):
 
     def __init__(self, rho: float = 0.8) -> None:
         self.rho = in_interval("rho", rho, 0.0, 1.0)
-        self.alpha_m = (2.0 * self.rho - 1.0) / (self.rho + 1.0)
-        self.alpha_f = self.rho / (self.rho + 1.0)
-        self.beta = (1.0 - self.alpha_m + self.alpha_f) ** 2 / 4.0
-        self.gamma = 0.5 - self.alpha_m + self.alpha_f
+        super().__init__((2.0 * self.rho - 1.0) / (self.rho + 1.0), self.rho / (self.rho + 1.0))

@@ -15,7 +15,7 @@ from ..files.store import cached_reference
 from ..integrators import SCHEME, SOLVER, fastest, integrators
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
-from ..measures.report import Report, report
+from ..measures.report import Report
 from ..model.system import System
 from ..references import reference, substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
@@ -129,7 +129,7 @@ class CaseComparison:
 
     def report(self) -> Report:
         """The tables of what has been compared."""
-        return report(self.comparisons, self.references, self.failures)
+        return Report(self.comparisons, self.references, self.failures)
 
     def to_dict(self) -> dict[str, Any]:
         """Case, comparisons and failures as plain numbers and texts, for JSON."""

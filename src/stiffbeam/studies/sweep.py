@@ -34,7 +34,7 @@ from ..model.time_functions import Drive, Harmonic, covered
 from ..references import substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.solution import refuse
-from ..schemes.scheme import RigidScheme, Scheme
+from ..schemes import RigidScheme, Scheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
 from . import base

@@ -16,34 +16,16 @@ from ..kernels.march import EVENT, TALLY, contact_forces, switch_time
 from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.contact_law import all_laws, jumps
 from ..model.system import System, require_system
-from .records import ContactRecord, Impacts, Ledger, step_ledger
-from .sampling import (
-    AT_START,
-    CONTACT,
-    END,
-    IMPACT_IMPULSE,
-    IMPACT_PEAK,
-    IMPULSE,
-    LAST,
-    PEAK,
-    ROW,
-    SIDE,
-    SINCE,
-    STOP,
-    TIME,
-    TOUCHING,
-)
+from .records import ContactRecord, Impacts, step_ledger
 
+# A tally (..., 8) is what one contact has seen so far. The steps up to SINCE are passed over; SIDE is followed from the
+# start. LAST is |F| at the last step, of laws that are not linear.
+SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
+# An impact is one row of a list of events; ROW is the row of the one that is open, or -1. A contact that is there at
+# t = 0 has a row too, with TIME = AT_START.
+CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(6)
+AT_START = -1.0
 AT_REST = 1e-12  # of a position: so near a rigid stop a body is on it
-
-
-def impacts_of(events: Array) -> Impacts:
-    """Rows of a list of events of one contact as sampled impacts."""
-    times, stops, peaks, impulses, ends = events[:, TIME : END + 1].T.copy()  # the columns side by side
-    sides = stops.astype(np.int64)
-    rows = Impacts(times=times, ends=ends, stops=sides, peaks=peaks, impulses=impulses, kind="sampled")
-    first = times == AT_START
-    return rows.started(first) if np.any(first) else rows
 
 
 def forces_at(u: Array, v: Array, law: Array) -> Array:
@@ -89,33 +71,25 @@ def end_tallies(tally: Array, law: Array, dt: float, last: tuple[Array, Array]) 
 
 
 def record(
-    stops: Stops,
-    position: Array,
-    velocity: Array,
-    tally: Array,
-    events: Array,
-    steps: int,
-    node_forces: Array | None = None,
-    force: Array | None = None,
-) -> ContactRecord:
-    """With position and velocity at the output times, and the forces that nodes have there, NaN for none, see
-    ``force_of_node``; ``steps`` of the whole run. ``force``: at the output times, where it has been computed."""
+    stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int,
+    node_forces: Array | None, force: Array | None,
+) -> ContactRecord:  # fmt: skip
+    """The record of a contact with its rows of ``events`` in a run of so many ``steps``.
+
+    force: at the output times, where it has been computed. node_forces: those that nodes have there, NaN for none.
+    """
     if force is None:
         with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
             force = stops.force(position, velocity)
     # A force that jumps does not follow from the state: the node's counts where there is one.
     if node_forces is not None and stops.jumps:
         force = np.where(np.isnan(node_forces), force, node_forces)
-    return ContactRecord(
-        stops=stops,
-        position=position,
-        velocity=velocity,
-        force=force,
-        impacts=impacts_of(events),
-        fraction=float(tally[TOUCHING] / max(1.0, steps - tally[SINCE])),  # of the steps after SINCE
-        peak_force=float(tally[PEAK]),
-        impulse=float(tally[IMPULSE]),
-    )
+    times, sides, peaks, impulses, ends = events[:, TIME : END + 1].T.copy()  # the columns side by side
+    stop_sides = sides.astype(np.int64)
+    impacts = Impacts(times=times, ends=ends, stops=stop_sides, peaks=peaks, impulses=impulses, kind="sampled")
+    impacts = impacts.started(times == AT_START)
+    fraction = float(tally[TOUCHING] / max(1.0, steps - tally[SINCE]))  # of the steps after SINCE
+    return ContactRecord(stops, position, velocity, force, impacts, fraction, float(tally[PEAK]), float(tally[IMPULSE]))
 
 
 def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
@@ -126,48 +100,28 @@ def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
     return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
 
 
-def intervals(t: Array, side: Array, size: Array, switch: Callable[[int, int], float]) -> Array:
-    """Intervals of contact in the contact state ``side`` (k,) at increasing times t (k,), one row (6,) each.
+def impacts_in(
+    t: Array, side: Array, size: Array, switch: Callable[[int, int], float], starts: bool, held: int = 0,
+    peaks: Array | None = None,
+) -> Impacts:  # fmt: skip
+    """Sampled impacts in the contact state ``side`` (k,) at increasing times t (k,).
 
-    Columns: the first step in contact; the first step after it, k of an open interval; the times of entry and exit, an
-    exit NaN of an open one; the side, +1 or -1; the impulse, the sum of ``size`` (k,). switch(k, side): the time at
-    which step k enters or leaves a side.
+    switch(k, side): the time at which step k enters or leaves a side. An impulse is a sum of ``size`` (k,), a peak the
+    largest of ``peaks`` (k,). Contacts that begin by step ``held`` are the contact at the start, which only a record
+    that ``starts`` at t = 0 has.
     """
-    total = np.concatenate([[0.0], np.cumsum(size)])
     # From change to change the contact keeps its side.
     changes = [0, *(np.flatnonzero(side[1:] != side[:-1]) + 1).tolist(), len(t)]
-    rows = [
-        (a, b, switch(a, s) if a else t[0], switch(b, s) if b < len(t) else np.nan, s, total[b] - total[a])
-        for a, b in pairwise(changes)
-        if (s := int(side[a]))
-    ]
-    return np.array(rows, float).reshape(-1, 6)
-
-
-def impacts_in(rows: Array, starts: bool, held: int = 0, size: Array | None = None) -> Impacts:
-    """The sampled impacts of ``intervals``; those that begin by step ``held`` are the contact at the start, which only
-    a record that ``starts`` at t = 0 has. size: |sigma| at every step, from which the peaks follow."""
-    rows = rows if starts else rows[rows[:, 0] > held]
-    first, after, times, ends, sides, impulses = rows.T
-    peaks = np.full(len(rows), np.nan)
-    if size is not None:
-        peaks = np.array([np.max(size[a:b]) for a, b in zip(first.astype(int), after.astype(int), strict=True)], float)
-    peaks, impulses = (np.where(np.isnan(ends), np.nan, x) for x in (peaks, impulses))
-    return Impacts.at(times, sides, "sampled", ends=ends, peaks=peaks, impulses=impulses).started(first <= held)
-
-
-def contact_spans(t: Array, u: Array, v: Array, stops: Stops) -> Array:
-    """``intervals`` of positions u (k,) and velocities v (k,) against compliant stops. Entry and exit are found by
-    cubic Hermite interpolation over the interval's own length."""
-    chi = stops.state(u, v)
-    # At the first time a position exactly on a stop is contact unless it leaves.
-    chi[0] = side_at_start(u[0], v[0], stops.law)
-
-    def switch(k: int, side: int) -> float:
-        length = float(t[k] - t[k - 1])
-        return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, stops.law, length)
-
-    return intervals(t, chi, np.abs(stops.force(u, v)) * step_lengths(t), switch)
+    spans = [(a, b, int(side[a])) for a, b in pairwise(changes) if side[a] and (starts or a > held)]
+    first, after, sides = np.array(spans, int).reshape(-1, 3).T
+    times = [switch(a, s) if a else t[0] for a, _, s in spans]
+    ends = [switch(b, s) if b < len(t) else np.nan for _, b, s in spans]
+    total = np.concatenate([[0.0], np.cumsum(size)])
+    known = {"impulses": total[after] - total[first]}
+    if peaks is not None:
+        known["peaks"] = np.array([np.max(peaks[a:b]) for a, b, _ in spans], float)
+    known = {name: np.where(after < len(t), x, np.nan) for name, x in known.items()}
+    return Impacts.at(times, sides, "sampled", ends=ends, **known).started(first <= held)
 
 
 def rebounds(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
@@ -197,10 +151,18 @@ def rebounds(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
 
 def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
     """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,); see ``rebounds`` for those
-    on rigid stops."""
+    on rigid stops. Entry and exit are found by cubic Hermite interpolation over the interval's own length."""
     if stops.rigid:
         return rebounds(t, u, v, stops)
-    return impacts_in(contact_spans(t, u, v, stops), bool(t[0] == 0.0), 0, np.abs(stops.force(u, v)))
+    chi, size = stops.state(u, v), np.abs(stops.force(u, v))
+    # At the first time a position exactly on a stop is contact unless it leaves.
+    chi[0] = side_at_start(u[0], v[0], stops.law)
+
+    def switch(k: int, side: int) -> float:
+        length = float(t[k] - t[k - 1])
+        return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, stops.law, length)
+
+    return impacts_in(t, chi, size * step_lengths(t), switch, bool(t[0] == 0.0), peaks=size)
 
 
 def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
@@ -211,18 +173,10 @@ def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
     if stops.rigid:
         return ContactRecord(stops, u, v, np.full(len(t), np.nan), rebounds(t, u, v, stops), *3 * (float("nan"),))
     force = stops.force(u, v)
-    size, lengths = np.abs(force), step_lengths(t)[1:]
-    return ContactRecord(
-        stops=stops,
-        position=u,
-        velocity=v,
-        force=force,
-        impacts=sampled_impacts(t, u, v, stops),
-        # Every step counts by its end.
-        fraction=float(np.average(stops.state(u[1:], v[1:]) != 0, weights=lengths)),
-        peak_force=float(np.max(size)),
-        impulse=float(np.trapezoid(size, t)),
-    )
+    size, impacts = np.abs(force), sampled_impacts(t, u, v, stops)
+    # Every step counts by its end.
+    fraction = float(np.average(stops.state(u[1:], v[1:]) != 0, weights=step_lengths(t)[1:]))
+    return ContactRecord(stops, u, v, force, impacts, fraction, float(np.max(size)), float(np.trapezoid(size, t)))
 
 
 def reaction_counts(stops: Stops, dt: float, u: Array, means: Array, since: int) -> dict[str, Any]:
@@ -239,10 +193,9 @@ def reaction_counts(stops: Stops, dt: float, u: Array, means: Array, since: int)
     held = int(np.argmax(between)) if np.any(between) else len(u)
     t, size = np.arange(since, len(R)) * dt, np.abs(R[since:]) * dt
     size[0] = 0.0
-    rows = intervals(t, -np.sign(R[since:]), size, lambda k, side: t[k - 1])
-    counted = R[since + 1 :]
+    counted, sides = R[since + 1 :], -np.sign(R[since:])
     return {
-        "impacts": impacts_in(rows, not since, max(0, held - since)),
+        "impacts": impacts_in(t, sides, size, lambda k, side: t[k - 1], not since, max(0, held - since)),
         "fraction": float(np.mean(counted != 0.0)) if len(counted) else 0.0,
         "peak_force": float("nan") if np.any(counted) else 0.0,
         "impulse": float(np.sum(np.abs(counted)) * dt),
@@ -264,7 +217,7 @@ def run_fields(
 
     given = _array("t", t, (0,), "be three or more numbers in a row")
     # Times first: of several rows at one time, as at an event, the last counts.
-    times, rows = distinct_times("t", given)
+    times, rows = distinct_times(given)
     if times[0] != 0.0 or len(times) < 3:
         raise InputError("t", given, "be three or more times from 0 on", "begin with the initial state, at t = 0")
     if not isinstance(name, str) or not name:
@@ -285,16 +238,15 @@ def run_fields(
         q, v = q[rows], v[rows]
     if tip is None:
         raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
-    row = f"be one number per time, {len(given)}"
+    row, smoothed = f"be one number per time, {len(given)}", tip_velocity is None
     u = _array("tip", tip, given.shape, row)
-    one_position("t", given, rows, u)
+    again = np.setdiff1d(np.arange(len(given)), rows)
+    apart = again[np.abs(u[again + 1] - u[again]) > SAME_POSITION * np.max(np.abs(u))]
+    if len(apart):
+        remedy = "write the times with more digits"
+        raise InputError("t", float(given[apart[0]]), "belong to one position, not several", remedy)
     u = u[rows]
-    smoothed = tip_velocity is None
-    w = (
-        np.asarray(CubicSpline(times, u)(times, 1))
-        if smoothed
-        else _array("tip_velocity", tip_velocity, given.shape, row)[rows]
-    )
+    w = CubicSpline(times, u)(times, 1) if smoothed else _array("tip_velocity", tip_velocity, given.shape, row)[rows]
     notes: dict[str, Any] = {
         "method": name, "source": "arrays", "form": "arrays" if system is None else system.form,
         "dt": float(np.median(np.diff(times))), "t_end": float(times[-1]), "every": 1,
@@ -308,8 +260,9 @@ def run_fields(
         "contacts": () if system is None else tuple(_contacts(system, times, u, w, smoothed, q, v)),
     }  # fmt: skip
     if system is not None and q is not None and v is not None:
-        fields["pieces"] = partial(_pieces, system, times, q, v)
-        fields["ledger"] = None if system.rigid else partial(_ledger, system, times, q, v)
+        pieces = [(times, q, v, np.full((len(times), len(system.contacts)), np.nan))]
+        fields["pieces"] = partial(iter, pieces)
+        fields["ledger"] = None if system.rigid else partial(step_ledger, system, pieces, times)
     return fields
 
 
@@ -325,10 +278,12 @@ def _contacts(
             yield sampled_record(t, *channel_motion(contact.row, contact.offset, t, q, v), contact.stops)
         else:
             nothing, unknown = np.full(len(t), np.nan), float("nan")
-            yield ContactRecord(contact.stops, nothing, nothing, nothing, Impacts.none("unknown"), *3 * (unknown,))
+            yield ContactRecord(
+                contact.stops, nothing, nothing, nothing, Impacts.at([], [], "unknown"), *3 * (unknown,)
+            )
 
 
-def distinct_times(name: str, t: Array) -> tuple[Array, NDArray[np.int64]]:
+def distinct_times(t: Array) -> tuple[Array, NDArray[np.int64]]:
     """Strictly increasing times in t (k,), and for each the last row that has it.
 
     Solvers write an event twice, before and after it: times that increase by rounding only are one time.
@@ -338,28 +293,10 @@ def distinct_times(name: str, t: Array) -> tuple[Array, NDArray[np.int64]]:
     steps = np.diff(t)
     if np.any(steps < -rounding):
         back = float(t[1 + int(np.argmax(steps < -rounding))])
-        raise InputError(name, back, "be no smaller than the time before it", "sort the rows by time")
+        raise InputError("t", back, "be no smaller than the time before it", "sort the rows by time")
     first = np.concatenate([[True], steps > rounding])
     # The last row of every time is the one before the next time begins.
     return t[first], np.append(np.flatnonzero(first)[1:], len(t)) - 1
-
-
-def one_position(name: str, t: Array, rows: NDArray[np.int64], u: Array) -> None:
-    """Raise InputError where positions u (k, ...) differ at one time, see ``distinct_times``."""
-    again = np.setdiff1d(np.arange(len(t)), rows)
-    jump = np.max(np.abs(u[again + 1] - u[again]), axis=tuple(range(1, u.ndim)))
-    apart = jump > SAME_POSITION * np.max(np.abs(u))
-    if np.any(apart):
-        when = float(t[again[np.argmax(apart)]])
-        raise InputError(name, when, "belong to one position, not several", "write the times with more digits")
-
-
-def _pieces(system: System, t: Array, q: Array, v: Array) -> Iterator[tuple[Array, Array, Array, Array]]:
-    yield t, q, v, np.full((len(t), len(system.contacts)), np.nan)
-
-
-def _ledger(system: System, t: Array, q: Array, v: Array) -> Ledger:
-    return step_ledger(system, _pieces(system, t, q, v), t)
 
 
 def _array(name: str, values: Any, shape: tuple[int, ...], rule: str) -> Array:
@@ -367,7 +304,6 @@ def _array(name: str, values: Any, shape: tuple[int, ...], rule: str) -> Array:
     array = numbers(name, values, remedy="end the run before it overflows")
     fits = array.ndim == len(shape) and all(k in (0, n) for k, n in zip(shape, array.shape, strict=True))
     if not fits or len(array) < 3:
-        raise InputError(
-            name, f"shape {array.shape}", rule, "give a list" if len(shape) == 1 else "give a row for each time"
-        )
+        remedy = "give a list" if len(shape) == 1 else "give a row for each time"
+        raise InputError(name, f"shape {array.shape}", rule, remedy)
     return array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -148,11 +148,6 @@ class Impacts:
         columns = {name: (("impact",), getattr(rows, field)) for field, name in IMPACT_FIELDS.items()}
         return frame_of(columns | {"impact_open_at_start": (("impact",), flags)}, "impact")
 
-    @staticmethod
-    def none(kind: str) -> Impacts:
-        """An empty table, of ``kind`` "event" or "sampled"."""
-        return Impacts.at([], [], kind)
-
 
 @dataclass(frozen=True, eq=False)
 class ContactRecord:
@@ -257,7 +252,7 @@ class Ledger:
         The input at one time would not do: it returns to zero whenever a load takes back its work. Its largest between
         two times is not seen: outputs at every step (``every=1``) leave out least.
         """
-        return supplied(self.energy[0], self.input)
+        return self.energy[0] + np.maximum.accumulate(np.maximum(self.input, 0.0))
 
     def is_resolved(self, k: int = -1) -> bool:
         """Return True where the ``spread`` leaves the loss at index k known: to a thousandth of the energy supplied, or
@@ -270,71 +265,58 @@ class Ledger:
         return float(self.loss[k] / most) if most > 0.0 and self.is_resolved(k) else float("nan")
 
 
-def supplied(start: float, work: Array) -> Array:
-    """See ``Ledger.supplied``; start: E_0, work: the input (k,)."""
-    return start + np.maximum.accumulate(np.maximum(work, 0.0))
-
-
 @np.errstate(over="ignore", invalid="ignore")  # an energy beyond float64 is refused by ``Trajectory.energy``
 def step_ledger(
     system: System,
-    pieces: Iterator[tuple[Array, Array, Array, Array]],
+    pieces: Iterable[tuple[Array, Array, Array, Array]],
     outputs: Array,
-    impacts: bool | None = None,
+    impacts: bool = False,
     basis: Modes | None = None,
 ) -> Ledger:
     """The energy balance of a run from its states at every step, see ``Pieces``, stored at the times ``outputs``.
 
-    impacts: None for compliant stops. Against rigid ones the forces are the mean reactions R of the steps that end
-    there, and stop_dissipation is the sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse
+    Against rigid stops the forces are the mean reactions R of the steps that end there. A stop that moves by do puts in
+    -R do, and stop_dissipation is the sum of -dt R (U^n + U^{n+1})/2, U the velocity against the stop: what an impulse
     dt R takes in turning U round, (1 - e)/2 |U| of it by Newton's law. It is zero unless ``impacts``: a scheme without
-    an impact law has it all in ``loss``. A stop that moves by do puts in -R do.
+    an impact law has it all in ``loss``.
 
     basis: the modes of the system, where the pieces have q and q' in these.
     """
-    columns: list[Array] = []
-    times: list[Array] = []
+    kept: list[list[Array]] = []
     total, start = np.zeros(5), None  # input, viscous, loss in contact, stop_dissipation, spread
-    squares, damping = (None, None) if basis is None else (basis.omega**2, basis.damping)
+    squares, damping = (None, system.damping) if basis is None else (basis.omega**2, basis.damping)
     # Pieces share end points; every piece adds its steps to the totals of those before.
     for t, q, v, forces in pieces:
         motions, dt = _motions(system, t, q, v, basis), np.diff(t)
         free = system.free_energies(q, v) if squares is None else (0.5 * _squares(v), 0.5 * _squares(q, squares))
         stored = sum((x.stops.energy(u) for x, (u, _) in zip(system.contacts, motions, strict=True)), np.zeros(len(t)))
-        if impacts is None:
-            d_input, d_stops, d_spread = _work_of_stops(system, t, motions, forces)
-            touching = _touching(system, t, motions, forces)
-            # A step counts as contact if either of its ends does.
-            either = touching[1:] | touching[:-1]
-        else:
-            d_input, d_stops = _work_of_reactions(system, t, motions, forces[1:], impacts)
-            d_spread = np.zeros(len(dt))
-            either = np.any(forces[1:] != 0.0, axis=1)
+        d_input, d_stops, d_spread = _work_of_stops(system, t, motions, forces, impacts)
+        # A step counts as contact if either of its ends does, or if it has a reaction.
+        touching = _touching(system, t, motions, forces)
+        either = np.any(forces[1:] != 0.0, axis=1) if system.rigid else touching[1:] | touching[:-1]
         for vector, function in system.loads:
             f, along = evaluate(function, t), q @ (vector if basis is None else basis.force(vector))
             d_input += 0.5 * (f[1:] + f[:-1]) * np.diff(along)
         d_viscous = np.zeros(len(dt))
         if system.damped:
-            d_viscous, unresolved = _work_of_dampers(system.damping if damping is None else damping, dt, q, v)
+            d_viscous, unresolved = _work_of_dampers(damping, dt, q, v)
             d_spread += unresolved
         # The loss is what the balance of energies and works leaves: of the whole run, without a sum of its roundings.
         energy = free[0] + free[1] + stored
         start = energy[0] if start is None else start
         d_contact = np.where(either, -np.diff(energy) + d_input - d_viscous - d_stops, 0.0)
-        steps = np.stack([d_input, d_viscous, d_contact, d_stops, d_spread])
-        sums = np.cumsum(np.concatenate([total[:, None], steps], axis=1), axis=1)
-        total = sums[:, -1]
-        work, viscous, contact, dissipated, spread = sums
+        sums = np.empty((5, len(t)))
+        sums[:, 0], sums[:, 1:] = total, (d_input, d_viscous, d_contact, d_stops, d_spread)
+        work, viscous, contact, dissipated, spread = np.cumsum(sums, axis=1, out=sums)
+        total = sums[:, -1].copy()
         loss = start - energy + work - viscous - dissipated
         # Outputs in this piece, each at the nearest step: rounding of the times must not drop one.
         inside = (outputs >= t[0] - 0.25 * dt[0]) & (outputs <= t[-1] + 0.25 * dt[-1])
-        wanted = np.zeros(len(t), bool)
-        wanted[np.searchsorted(0.5 * (t[1:] + t[:-1]), outputs[inside])] = True
-        wanted[: bool(times)] = False  # the first time of a later piece is the last of the piece before it
-        times.append(t[wanted])
-        rows = (*free, stored, work, viscous, loss, contact, loss - contact, dissipated, spread)
-        columns.append(np.stack([row[wanted] for row in rows]))
-    return Ledger(np.concatenate(times), *np.concatenate(columns, axis=1))
+        at = np.searchsorted(0.5 * (t[1:] + t[:-1]), outputs[inside])
+        at = at[at > 0] if kept else at  # the first time of a later piece is the last of the piece before it
+        rows = (t, *free, stored, work, viscous, loss, contact, loss - contact, dissipated, spread)
+        kept.append([row.take(at) for row in rows])
+    return Ledger(*map(np.concatenate, zip(*kept, strict=True)))
 
 
 def _work_of_dampers(damping: Array, dt: Array, q: Array, v: Array) -> tuple[Array, Array]:
@@ -353,22 +335,25 @@ def _squares(x: Array, weights: Array | None = None) -> Array:
 
 
 def _work_of_stops(
-    system: System, t: Array, motions: list[tuple[Array, Array]], node_forces: Array
+    system: System, t: Array, motions: list[tuple[Array, Array]], forces: Array, impacts: bool
 ) -> tuple[Array, Array, Array]:
     """-1/2 (F^n + F^{n+1}) do of the contacts whose stops move, -1/2 (D^n + D^{n+1}) du of those that damp, and the
-    spread of that."""
+    spread of that; of rigid stops see ``step_ledger``."""
     work, taken, spread = np.zeros((3, len(t) - 1))
     for c, (contact, (u, rate)) in enumerate(zip(system.contacts, motions, strict=True)):
         stops = contact.stops
+        if stops.rigid:
+            work -= forces[1:, c] * np.diff(offset_values(contact.offset, t))
+            taken -= 0.5 * impacts * np.diff(t) * forces[1:, c] * (rate[1:] + rate[:-1])
         # The whole work of a stop that neither moves nor damps is in its energy.
-        if contact.offset is None and not stops.dissipative:
+        if stops.rigid or (contact.offset is None and not stops.dissipative):
             continue
         beyond, force = stops.dissipated(u, rate), stops.force(u, rate)
         # A force that jumps does not follow from the state: the node's counts where it is known.
         if stops.jumps:
-            known = ~np.isnan(node_forces[:, c])
-            beyond[known] += node_forces[known, c] - force[known]
-            force[known] = node_forces[known, c]
+            known = ~np.isnan(forces[:, c])
+            beyond[known] += forces[known, c] - force[known]
+            force[known] = forces[known, c]
         work -= 0.5 * (force[1:] + force[:-1]) * np.diff(offset_values(contact.offset, t))
         if stops.dissipative:
             dissipated, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
@@ -377,18 +362,6 @@ def _work_of_stops(
             at_ends = (beyond[1:] == 0.0) != (beyond[:-1] == 0.0)
             spread += np.abs(dissipated - np.where(at_ends, 0.0, 0.5 * np.diff(t) * (power[1:] + power[:-1])))
     return work, taken, spread
-
-
-def _work_of_reactions(
-    system: System, t: Array, motions: list[tuple[Array, Array]], reactions: Array, impacts: bool
-) -> tuple[Array, Array]:
-    """Work and dissipation of rigid stops, see ``step_ledger``."""
-    work, taken = np.zeros((2, len(t) - 1))
-    for c, (contact, (_, rate)) in enumerate(zip(system.contacts, motions, strict=True)):
-        work -= reactions[:, c] * np.diff(offset_values(contact.offset, t))
-        if impacts:
-            taken -= 0.5 * np.diff(t) * reactions[:, c] * (rate[1:] + rate[:-1])
-    return work, taken
 
 
 def as_it_starts(system: System, channel: int, t: Array, u: Array, v: Array) -> tuple[Array, Array]:

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-    from .ensemble import Ensemble
-    from .trajectory import Trajectory
-
 FORMAT = 4  # of files
 CONVENTIONS = "CF-1.11"
 SUFFIXES = (".nc", ".csv", ".json")
@@ -100,8 +97,8 @@ def values_of(result: Any, x: Any = None) -> Values:
     if contacts:
         for field, name in CONTACT_FIELDS.items():
             if hasattr(contacts[0], field):
-                rows = np.stack([getattr(contact, field) for contact in contacts])
-                values[name] = (("contact", *(member or ("time",)))[: rows.ndim], _numeric(rows))
+                rows = 1 * np.stack([getattr(contact, field) for contact in contacts])  # netCDF has no Boolean type
+                values[name] = (("contact", *(member or ("time",)))[: rows.ndim], rows)
         values |= _impacts(contacts)
         values["contact"] = (("contact",), np.arange(len(contacts)))
     if getattr(result, "has_energy", False):
@@ -122,14 +119,9 @@ def _impacts(contacts: Any) -> Values:
     tables, flags = zip(*(contact.impacts.listed() for contact in contacts), strict=True)
     counts = [rows.count for rows in tables]
     columns = {name: np.concatenate([getattr(rows, x) for rows in tables]) for x, name in IMPACT_FIELDS.items()}
-    columns["impact_open_at_start"] = _numeric(np.concatenate(flags))
+    columns["impact_open_at_start"] = 1 * np.concatenate(flags)
     columns |= {"impact": np.arange(sum(counts)), "impact_contact": np.repeat(np.arange(len(counts)), counts)}
     return {name: (("impact",), column) for name, column in columns.items()}
-
-
-def _numeric(array: Array) -> Array:
-    """netCDF has no Boolean type."""
-    return array.astype(np.int64) if array.dtype == bool else array
 
 
 def parameter_name(parameter: str) -> str:
@@ -165,7 +157,7 @@ def frame_of(values: Values, index: str, units: Units | None = None, **attribute
     return frame.set_index(index) if index in columns else frame.rename_axis(index)
 
 
-def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
+def dataset_of(result: Any, x: Any = None) -> xarray.Dataset:
     """All variables of a run or an ensemble with their attributes; the provenance is an attribute of the whole."""
     import xarray
 
@@ -183,9 +175,8 @@ def dataset_of(result: Trajectory | Ensemble, x: Any = None) -> xarray.Dataset:
         "stops": json.dumps([stops.data for stops in result.stops]),
         "impact_kind": ",".join(c.impacts.kind for c in result.contacts) or "none",
     }
-    more: Any = result
-    attributes |= {"horizon": more.horizon} if result.kind == "reference" else {}
-    attributes |= {"parameter": more.members.parameter} if result.kind == "ensemble" else {}
+    attributes |= {"horizon": result.horizon} if result.kind == "reference" else {}
+    attributes |= {"parameter": result.members.parameter} if result.kind == "ensemble" else {}
     coordinates = [name for name in data if name not in VARIABLES]
     dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
     dataset.attrs["hash"] = content_hash(dataset)

@@ -6,7 +6,7 @@ import pickle
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cache, cached_property, reduce
+from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..model.system import System
 
 # A run at every step in pieces that share end points: times (k + 1,), q (k + 1, n), q' (k + 1, n), forces (k + 1, m).
-# Forces of rigid stops are the mean reactions of the steps that end there, NaN in the first row of a piece.
+# Forces of rigid stops are the mean reactions of the steps that end there. NaN where no force is known.
 Pieces = Callable[[], Iterator[tuple[Array, Array, Array, Array]]]
 
 
@@ -170,12 +170,12 @@ class Trajectory(Saved):
         Energy and states at the output times are made before, and sent themselves.
         """
         state = dict(self.__dict__)
-        for name, substitute in (("ledger", "energy"), ("pieces", "states"), ("state_at", "states")):
-            if state.get(name) is not None and not _travels(state[name]):
-                state |= {name: None, substitute: getattr(self, substitute)}
-        for name in ("evaluate", "derive", "solution"):
+        substitutes = {"ledger": "energy", "pieces": "states", "state_at": "states"}
+        for name in (*substitutes, "evaluate", "derive", "solution"):
             if state.get(name) is not None and not _travels(state[name]):
                 state[name] = None
+                if name in substitutes:
+                    state[substitutes[name]] = getattr(self, substitutes[name])
         return state
 
     def __repr__(self) -> str:
@@ -197,7 +197,7 @@ class Trajectory(Saved):
     @property
     def impacts(self) -> Impacts:
         """The impacts at the first contact; ``contacts[i].impacts`` has those of every one."""
-        return self.contacts[0].impacts if self.contacts else Impacts.none("none")
+        return self.contacts[0].impacts if self.contacts else Impacts.at([], [], "none")
 
     @property
     def fingerprint(self) -> str:
@@ -210,17 +210,15 @@ class Trajectory(Saved):
         if self.pieces is None:
             reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             raise InputError("states", reason, "come from a run", "integrate again, or pass states")
-        wanted = np.arange(len(self.t)) * int(self.provenance.get("every", 1))
-        q, v, first = [], [], 0
-        for times, q_piece, v_piece, _ in self.pieces():
-            here = wanted[(wanted >= first) & (wanted < first + len(times))] - first
+        every, kept, first = int(self.provenance.get("every", 1)), [], 0
+        for t, q, v, _ in self.pieces():
             # Pieces share end points: the first row of a later one is there already.
-            if first:
-                here = here[here > 0]
-            q.append(q_piece[here])
-            v.append(v_piece[here])
-            first += len(times) - 1
-        return np.concatenate(q), np.concatenate(v)
+            begin = first + 1 if first else 0
+            rows = slice(-(-begin // every) * every - first, None, every)
+            kept.append((q[rows], v[rows]))
+            first += len(t) - 1
+        q, v = (np.concatenate(x) for x in zip(*kept, strict=True))
+        return q, v
 
     @property
     def has_energy(self) -> bool:
@@ -237,15 +235,10 @@ class Trajectory(Saved):
                 raise InputError("energy", NO_REACTIONS, "be that of a run with them", "use integrate")
             raise InputError("energy", reason, "have been saved with the run", "run it again, with its states")
         ledger = self.ledger()
-        columns = [getattr(ledger, column.name) for column in fields(ledger)]
-        # A finite sum has finite terms, and takes a tenth of the time of a look at every term.
-        with np.errstate(over="ignore", invalid="ignore"):
-            total = sum(float(np.sum(column)) for column in columns)
-        if not np.isfinite(total):
-            beyond = ~reduce(np.logical_and, map(np.isfinite, columns))
-            if np.any(beyond):
-                remedy = "an energy is beyond float64; count in other units"
-                raise Diverged(str(self.provenance["method"]), float(ledger.t[np.argmax(beyond)]), remedy)
+        finite = np.all([np.isfinite(getattr(ledger, column.name)) for column in fields(ledger)], axis=0)
+        if not np.all(finite):
+            remedy = "an energy is beyond float64; count in other units"
+            raise Diverged(str(self.provenance["method"]), float(ledger.t[np.argmin(finite)]), remedy)
         return ledger
 
     def displacement(self, x: ArrayLike) -> Array:
@@ -416,7 +409,7 @@ class Reference(Trajectory):
         afford("dt", dt, "give a larger dt", floats=size * end / dt)
         steps = int(np.floor(end / dt * (1 + 1e-12)))
         if not self.contacts:
-            return Impacts.none("sampled")
+            return Impacts.at([], [], "sampled")
         self._contact(contact)
         t = np.arange(steps + 1) * dt
         return sampled_impacts(t, *self.at(t, contact=contact), self.contacts[contact].stops)
