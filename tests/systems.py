@@ -110,6 +110,8 @@ def case_of(system: sb.System, t_end: Any) -> Case:
     """The plain numbers of a system with linear stops, for a witness."""
 
     def wave(f: Any) -> Any:
+        if isinstance(f, sb.Sampled):
+            return "sampled", f.t, f.values
         return ("constant", f.level) if isinstance(f, sb.Constant) else ("harmonic", f.amplitude, f.frequency, f.phase)
 
     contacts = tuple(
