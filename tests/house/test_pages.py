@@ -113,10 +113,6 @@ def test_pages_are_short_and_agree_on_versions_and_the_paper():
     )
     words = [len(re.findall(r"\S*\w\S*", text)) for text in (*TEXTS.values(), contributing, changes, start)]
     assert sum(words) <= 12_000  # code counts
-    assert len(readme.split()) < 600
-    assert len(re.findall(r"(?<!!)\[[^]]*\]\(", re.sub(r"!\[.*?\]\(.*?\)", "", readme))) <= 5
-    assert len(contributing.split()) <= 1200
-    assert len(changes.splitlines()) <= 30
     assert f"https://doi.org/{DOI}".replace("(", "%28").replace(")", "%29") in readme
     for line in (f"    doi: {DOI}", f"version: {sb.__version__}", f'    version: "{VERSION}"'):
         assert f"{line}\n" in citation
