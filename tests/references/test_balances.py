@@ -13,8 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import rigid_witness
-from law_systems import kelvin_voigt_system, random_system
+from law_systems import kelvin_voigt_system, random_system, rigid_system
 from scipy.integrate import quad
 
 import stiffbeam as sb
@@ -136,7 +135,7 @@ def test_the_ledger_is_as_accurate_as_the_motion_where_a_stop_lets_go(method):
 def test_impulses_of_rigid_stops_are_the_change_of_momentum(seed):
     """M (q'(T) - q'(0)) - sum p int f = sum row J of bodies that nothing else holds, J > 0 of lower stops: impacts,
     chatter and persistent contacts, to rounding."""
-    system = rigid_witness.random_system(seed)
+    system = rigid_system(seed)
     lower = [replace(contact, stops=replace(contact.stops, upper=None)) for contact in system.contacts]
     free = replace(system, stiffness=0.0 * system.stiffness, damping=0.0 * system.damping, contacts=lower)
     run = sb.reference(free, T)
