@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from adaptive_systems import rotor
 from law_systems import driven, free_system, kelvin_voigt_system, rigid_system, stops_of
-from systems import one_mass
+from systems import one_mass, rotor
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
