@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse
 from campaign import campaign
 from commands import invoke
-from fuzz import LONGEST, WHOLE, one_case
+from fuzz import LONGEST, WHOLE, case_file, one_case
 from fuzz_surfaces import CONSTRUCTORS, beam, exact, mass, run
 from wild_values import Unfriendly
 
@@ -77,13 +77,14 @@ def _whole(refused: sb.InputError):
     assert message.isprintable()
 
 
-def test_every_refusal_of_a_walk_over_the_constructors_says_rule_value_and_remedy(monkeypatch):
-    monkeypatch.setattr("fuzz_surfaces.marched", lambda system, dt=1e-3: [])
+def test_every_refusal_of_a_walk_over_constructors_and_case_files_says_rule_value_and_remedy(monkeypatch):
+    for module in ("fuzz", "fuzz_surfaces"):
+        monkeypatch.setattr(f"{module}.marched", lambda system, dt=1e-3: [])
     rng, refusals = np.random.default_rng(17), 0
-    for i in range(40 * len(CONSTRUCTORS)):
+    for wild in 40 * [*(surface.try_one for surface in CONSTRUCTORS), case_file, case_file]:
         try:
             with warnings.catch_warnings(action="ignore"):
-                CONSTRUCTORS[i % len(CONSTRUCTORS)].try_one(rng)
+                wild(rng)
         except sb.InputError as refused:
             _whole(refused)
             refusals += 1

@@ -176,20 +176,6 @@ def test_any_misspelt_field_is_refused_with_the_nearest_name(name):
             _parse(data, "text")
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_any_damaged_text_is_one_sentence_or_a_case(seed, write):
-    """Letters left out, doubled, exchanged with others of the file; what is no case is an InputError of one line."""
-    rng, letters = np.random.default_rng([57, seed]), list(FULL)
-    for place in rng.integers(0, len(letters), rng.integers(1, 4)):
-        letters[place] = rng.choice(["", letters[place] * 2, letters[rng.integers(len(letters))], "-", '"', "e9"])
-    file = write("".join(letters))
-    try:
-        said = str(load_cases(file))
-    except sb.InputError as error:
-        said = str(error) if "\n" not in str(error) and len(str(error)) <= 300 else ""
-    assert said
-
-
 @pytest.mark.parametrize(
     ("name", "words"),
     [
