@@ -126,6 +126,10 @@ def test_the_references_meet_the_answers(name, method):
     assert np.max(np.abs(run.tip[1:] - tip)) < 1e-12 * np.max(np.abs(tip))
     impacts = known.answers["impacts"].value if "impacts" in known.answers else np.zeros(0)
     assert np.allclose(run.impacts.times[: len(impacts)], impacts, rtol=0.0, atol=1e-11 * known.t_end)
+    if "releases" in known.answers:
+        ends = known.answers["releases"].value
+        ends = ends[ends > impacts[0]]  # a contact at the start is no impact
+        assert np.allclose(run.impacts.ends[: len(ends)], ends, rtol=0.0, atol=1e-11 * known.t_end)
     if method == "exact" and "peak_force" in known.answers:
         assert run.contacts[0].peak_force == pytest.approx(known.answers["peak_force"].value, rel=1e-11)
 
