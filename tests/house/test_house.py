@@ -6,16 +6,20 @@ Two files of one room may name each other's classes in annotations; nothing else
 from __future__ import annotations
 
 import ast
+import dataclasses
 import re
 import subprocess
 import sys
 from functools import cache
+from importlib import import_module
 from importlib.util import resolve_name
 from pathlib import Path
 
 import pytest
 
 import stiffbeam
+from stiffbeam.references import REFERENCES, registry, solve
+from stiffbeam.references.registry import ADAPTIVE, EXACT, MULTIPRECISION
 
 PACKAGE = Path(stiffbeam.__file__).parent
 # A room imports from rooms to its left only; march and references do not know each other.
@@ -104,3 +108,22 @@ def test_campaigns_run_only_where_they_are_named():
     done = subprocess.run([*command, "-m", "not slow"], cwd=PACKAGE.parents[1], capture_output=True, text=True)
     assert "any_method[12" not in done.stdout
     assert "test_an_ensemble_says" in done.stdout
+
+
+# The registry of reference solvers.
+
+KINDS = {"exact": EXACT, "multiprecision": MULTIPRECISION, "adaptive": ADAPTIVE}  # a room of references each
+
+
+@pytest.mark.parametrize("method", REFERENCES.values(), ids=lambda method: method.name)
+def test_every_method_stands_in_the_room_of_its_kind_and_says_how_it_solves(method):
+    assert KINDS[method.module.partition(".")[0]] == method.kind
+    assert callable(import_module(f"stiffbeam.references.{method.module}").solve)
+    assert "missing" not in method.versions().values()
+
+
+def test_a_library_that_fails_inside_is_no_missing_method(table10_system, monkeypatch):
+    """A module of another name that is missing is a fault to be seen, not one to be installed away."""
+    monkeypatch.setitem(registry.REFERENCES, "cvode", dataclasses.replace(REFERENCES["cvode"], module="adaptive.none"))
+    with pytest.raises(ModuleNotFoundError, match=re.escape("stiffbeam.references.adaptive.none")):
+        solve(table10_system, 0.01, "cvode", None, 1e-6, None)

@@ -1,4 +1,4 @@
-"""Pages: blocks run and print what is shown, numbers and versions agree, the site builds and a browser shows it."""
+"""Pages: blocks and scripts run and print what is shown, versions agree, the site builds and a browser shows it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import inspect
 import io
 import json
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -54,6 +55,18 @@ def test_every_python_block_runs_and_prints_what_is_shown(block, shown, tmp_path
     printed = capsys.readouterr().out.strip()
     assert printed
     assert shown.strip() in ("", printed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", sorted((STUDIES / "how-to").glob("*.py")), ids=lambda script: script.stem)
+def test_a_script_asserts_its_number(script, tmp_path, monkeypatch, capsys):
+    text = script.read_text(encoding="utf-8")
+    assert text.count("\n") <= 60
+    assert "assert" in text
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [script.name, *(["table10"] if script.stem == "ranking" else [])])  # shorter
+    runpy.run_path(str(script), run_name="__main__")
+    assert len(capsys.readouterr().out) > 20
 
 
 @pytest.mark.slow

@@ -14,7 +14,17 @@ from typing import Any
 from ..basics.storage import regular_text
 from ..basics.text import several
 from ..basics.units import Units
-from ..basics.validation import InputError, exact_float, file_path, instance, integer, near, positive, step_count
+from ..basics.validation import (
+    InputError,
+    exact_float,
+    file_path,
+    instance,
+    integer,
+    near,
+    one_of,
+    positive,
+    step_count,
+)
 from ..model.contact import Stops
 from ..model.members import varied_members
 from ..model.problem import BeamProblem
@@ -182,16 +192,12 @@ def find_case(name: str) -> Case:
     file_path("case", name, "table1 to table17, or a TOML file")
     head, colon, wanted = name.partition(".toml:")
     file = f"{head}.toml" if colon else name
-    if file.endswith(".toml") or Path(file).is_file():
-        cases = load_cases(file)
-        if wanted:
-            if wanted not in cases:
-                raise InputError("case", wanted, f"be one of the cases in {file}", near(wanted, cases))
-            return cases[wanted]
-        if len(cases) > 1:
-            raise InputError("case", name, "name one case of the file", f"add :{' or :'.join(cases)} to it")
-        return next(iter(cases.values()))
-    raise InputError("case", name, "be a table of the paper or a TOML file", near(name, known))
+    if not file.endswith(".toml") and not Path(file).is_file():
+        raise InputError("case", name, "be a table of the paper or a TOML file", near(name, known))
+    cases = load_cases(file)
+    if not wanted and len(cases) > 1:
+        raise InputError("case", name, "name one case of the file", f"add :{' or :'.join(cases)} to it")
+    return cases[one_of("case", wanted or next(iter(cases)), cases, f"be one of the cases in {file}")]
 
 
 @cache

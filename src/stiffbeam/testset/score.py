@@ -340,8 +340,7 @@ def _entry(runner: Integrator, each: Problem, smooth: float) -> Entry:
         return replace(entry, outcome=NOT_TAKEN, reason=str(error))
     except (Diverged, SolverFailure) as error:
         return replace(entry, outcome=FAILED, reason=str(error))
-    entry = replace(entry, runs=tuple(runs), reason=reason, outcome=FAILED if reason else "")
-    return entry if reason else verdict(entry, smooth)
+    return verdict(replace(entry, runs=tuple(runs), reason=reason, outcome=FAILED if reason else ""), smooth)
 
 
 def _runs(runner: Integrator, each: Problem) -> tuple[list[dict[str, float]], str]:
