@@ -12,11 +12,6 @@ from witness import Case, Contact
 import stiffbeam as sb
 
 
-def linear_part(system: sb.System) -> tuple[np.ndarray, ...]:
-    """Mass, damping, stiffness, q(0), q'(0): what an oracle is given in place of the System."""
-    return system.mass, system.damping, system.stiffness, system.q0, system.v0
-
-
 def one_mass(
     stiffness: float, stops: sb.Stops | None = None, *, mass: float = 1.0, damping: float = 0.0,
     load: Any = None, offset: Any = None, q: float = 0.0, v: float = 0.0, **others: Any,
