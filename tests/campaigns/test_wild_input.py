@@ -20,7 +20,6 @@ from stiffbeam.schemes.labels import parse_run
 
 HUGE = 10**400
 STOPS = sb.Stops(-0.1, 0.1, stiffness=1e4)
-CLAMPED = {"length": 0.4, "stiffness": 4.2, "mass_per_length": 0.16}
 
 REFUSED = {
     "an integer beyond float": lambda: sb.Harmonic(HUGE, 1.0),
@@ -164,4 +163,4 @@ def test_a_case_file_is_bounded():
 )
 def test_wild_inputs_end_in_a_result_or_a_refusal(every):
     """Of the ten thousand of ``python tests/campaigns/campaign.py inputs --seed 1 --count 10000``."""
-    assert campaign("inputs", list(range(0, 10_000, every)), 1, jobs=1, limit=60.0)[2] == []
+    assert campaign("inputs", list(range(0, 10_000, every)), 1, jobs=1, limit=60.0)[1] == []
