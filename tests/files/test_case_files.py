@@ -150,7 +150,7 @@ def test_a_fault_names_file_path_value_and_rule(write, text, path, value, rule):
     np.testing.assert_equal(caught.value.value, value)
 
 
-def entries(table, path=()):
+def entries(table):
     """(table, key) of every entry of tables in tables."""
     for key, value in table.items() if isinstance(table, dict) else enumerate(table):
         if isinstance(table, dict):
