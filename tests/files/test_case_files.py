@@ -424,6 +424,7 @@ REFUSED = [  # text, options, words
     ("t,F,G\n0,1,2\n1,1,3\n", {}, "column = 'F' or 'G'"),
     ("Time;Force\n[s];[N]\n0;1\n1;1\n", {}, r"line 2: '\[s\]'.*all but one line of names"),
     ("t,\x1b[2J\n0,1\n1,2\n", {"column": "F"}, r"\\x1b\[2J"),
+    ("t,F\n0,1\n1," + 200_000 * "1", {}, "line 3: 1 columns"),
 ]  # fmt: skip
 
 
