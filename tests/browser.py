@@ -7,9 +7,11 @@ import shutil
 import subprocess
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from queue import Empty, Queue
 from typing import Any
 
 import pytest
@@ -46,37 +48,18 @@ HARNESS = """<!DOCTYPE html><html><body><script>
 
 
 class Handler(SimpleHTTPRequestHandler):
-    """A folder whose pages carry the probe, the page that opens all others, and the place for the report."""
+    """The files of a folder, and the place for the report."""
 
-    def __init__(
-        self, *arguments: Any, scripts: str, harness: str, report: list[Any], done: threading.Event, **options
-    ):
-        self.scripts, self.harness, self.report, self.done = scripts, harness, report, done
+    extensions_map = SimpleHTTPRequestHandler.extensions_map | {".html": "text/html; charset=utf-8"}
+
+    def __init__(self, *arguments: Any, reports: Queue[Any], **options: Any):
+        self.reports = reports
         super().__init__(*arguments, **options)
 
-    def do_GET(self) -> None:
-        file = Path(self.translate_path(self.path))
-        if self.path == "/harness":
-            self.answer(self.harness)
-        elif self.path == "/favicon.ico":
-            self.answer("")
-        elif file.suffix == ".html" and file.is_file():
-            self.answer(file.read_text(encoding="utf-8").replace("<head>", f"<head>{PROBE}{self.scripts}", 1))
-        else:
-            super().do_GET()
-
     def do_POST(self) -> None:
-        self.report.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
-        self.answer("")
-        self.done.set()
-
-    def answer(self, text: str) -> None:
-        content = text.encode()
-        self.send_response(200)
-        self.send_header("Content-Type", "text/html; charset=utf-8")
-        self.send_header("Content-Length", str(len(content)))
+        self.reports.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+        self.send_response(204)
         self.end_headers()
-        self.wfile.write(content)
 
     def log_message(self, format: str, *arguments: Any) -> None:
         pass
@@ -93,24 +76,26 @@ def browse(
     if browser is None:
         pytest.skip(f"no browser is installed: none of {', '.join(BROWSERS)} is on the path")
     harness = HARNESS.replace("PAGES", json.dumps([f"/{page}" for page in pages])).replace("LOOK", json.dumps(look))
-    harness = harness.replace("WIDTHS", json.dumps(list(widths)))
-    report, done = [], threading.Event()
-    handler = partial(Handler, directory=str(folder), scripts=scripts, harness=harness, report=report, done=done)
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+    (folder / "harness.html").write_text(harness.replace("WIDTHS", json.dumps(list(widths))), encoding="utf-8")
+    (folder / "favicon.ico").touch()
+    for page in pages:  # each with the probe
+        content = (folder / page).read_text(encoding="utf-8")
+        (folder / page).write_text(content.replace("<head>", f"<head>{PROBE}{scripts}", 1), encoding="utf-8")
+    reports, report, log = Queue[Any](), None, profile.with_suffix(".log")
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(folder), reports=reports)) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         words = [
             browser, "--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--hide-scrollbars",
             f"--user-data-dir={profile}", "--window-size=1600,1000", "--remote-debugging-port=0",
-            f"http://127.0.0.1:{server.server_port}/harness",
+            f"http://127.0.0.1:{server.server_port}/harness.html",
         ]  # fmt: skip
-        log = profile.with_suffix(".log")
         with log.open("w") as errors, subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=errors) as process:
-            finished = done.wait(timeout=600.0)
+            with suppress(Empty):
+                report = reports.get(timeout=600.0)
             process.terminate()
         server.shutdown()
     text = log.read_text(encoding="utf-8", errors="replace")
-    assert finished, text[-2000:]
-    assert isinstance(report[0], list), report[0]
+    assert isinstance(report, list), report or text[-2000:]
     said = [line for line in text.splitlines() if ":CONSOLE" in line and "[PST]" not in line]  # but the theme's log
     assert not said, "\n".join(said)
-    return report[0]
+    return report

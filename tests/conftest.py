@@ -32,6 +32,7 @@ from stiffbeam.basics import progress, storage
 hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("repeatable")
 
+pytest_plugins = ["pytester"]
 progress.WAIT = 600.0  # however busy the machine, no test prints a line about its work
 
 

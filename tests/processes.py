@@ -1,23 +1,11 @@
-"""The processes that a command has started, and pytest in a process of its own."""
+"""The processes that a command has started."""
 
 from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
-
-
-def passed(folder: Path, text: str, **environment: str) -> str:
-    """The output of pytest on a test file of this text, whose tests pass, in a folder of its own."""
-    (folder / "pytest.ini").touch()  # nothing above the folder is asked
-    (folder / "test_mine.py").write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "pytest.ini", "test_mine.py"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | environment)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 def session(leader: int) -> list[int]:

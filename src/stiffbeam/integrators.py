@@ -151,20 +151,18 @@ def integrators(given: Iterable[Any]) -> list[Integrator]:
 
     Recorded runs of one name that stand in the list one by one are one integrator.
     """
-    runs: dict[str, list[Trajectory]] = {}
-    first: list[Any] = []
-    for x in given:
+    apart: dict[Any, Any] = {}
+    for i, x in enumerate(given):
         if isinstance(x, Trajectory):
-            name = str(x.provenance["method"])
-            if name not in runs:
-                first.append(runs.setdefault(name, []))
-            runs[name].append(x)
+            apart.setdefault(str(x.provenance["method"]), []).append(x)
         else:
-            first.append(x)
-    chosen = [integrator(x) for x in first]
-    labels = [x.label for x in chosen]
-    earlier = [labels[:i].count(label) for i, label in enumerate(labels)]
-    return [replace(x, label=f"{x.label} ({k + 1})") if k else x for x, k in zip(chosen, earlier, strict=True)]
+            apart[i] = x
+    chosen, labels = [integrator(x) for x in apart.values()], list[str]()
+    for k, x in enumerate(chosen):
+        labels.append(x.label)
+        count = labels.count(x.label)
+        chosen[k] = replace(x, label=f"{x.label} ({count})") if count > 1 else x
+    return chosen
 
 
 def fastest(run: Callable[[], Trajectory]) -> Trajectory:

@@ -20,7 +20,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -29,9 +28,9 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("", "oracles")]
 
+import pandas
 from judge import Verdict, judged
 
-OUTCOMES = ("right", "result", "refused", "failed", "short", "open")
 VIOLATIONS = ("wrong", "hang", "exception", "not finite", "message")
 MEMORY = 12.0  # GiB of addresses for a process
 Task = tuple[str, int, int, tuple[str, ...]]  # kind, seed, number, methods
@@ -99,29 +98,18 @@ def _serve(pipe: Any, limit: float) -> None:
 
 def campaign(
     kind: str, numbers: list[int], seed: int, jobs: int, limit: float, methods: tuple[str, ...] = ()
-) -> tuple[Counter, Counter, list[str]]:
-    """(outcomes by family, outcomes by subject, violations) of systems or inputs; limit: of each."""
-    by_family, by_subject, violations = Counter(), Counter(), list[str]()
+) -> tuple[pandas.DataFrame, list[str]]:
+    """Family, subject and outcome of every verdict, and the violations, of systems or inputs; limit: of each."""
+    rows, violations = list[tuple[str, str, str]](), list[str]()
     tasks = [(kind, seed, i, methods) for i in numbers]
     for number, (family, verdicts) in zip(numbers, apart(tasks, jobs, limit), strict=True):
         for x in verdicts:
-            by_family[family, x.outcome] += 1
-            by_subject[x.subject.split()[0], x.outcome] += 1
+            rows.append((family, x.subject.split()[0], x.outcome))
             if x.outcome in VIOLATIONS:
                 violations.append(
                     f"{kind} --seed {seed} --only {number}  {x.subject} [{family}]  {x.outcome}: {x.reason}"
                 )
-    return by_family, by_subject, violations
-
-
-def table(counts: Counter) -> str:
-    """Rows by name, columns by outcome."""
-    names, outcomes = sorted({name for name, _ in counts}), [*OUTCOMES, *VIOLATIONS]
-    total = {o: sum(v for (_, x), v in counts.items() if x == o) for o in outcomes}
-    rows = {name: [counts[name, o] for o in outcomes] for name in names} | {"all": list(total.values())}
-    width = max(map(len, rows)) + 2
-    lines = ["".ljust(width) + "".join(o.rjust(11) for o in outcomes)]
-    return "\n".join([*lines, *(n.ljust(width) + "".join(str(x).rjust(11) for x in row) for n, row in rows.items())])
+    return pandas.DataFrame(rows, columns=["family", "subject", "outcome"]), violations
 
 
 def main() -> int:
@@ -140,10 +128,11 @@ def main() -> int:
             print(*work((given.kind, given.seed, number, tuple(given.methods))), sep="\n")
         return 0
     begun, numbers = time.monotonic(), list(range(given.first, given.first + given.count))
-    found = campaign(given.kind, numbers, given.seed, given.jobs, given.limit, tuple(given.methods))
-    print("\n\n".join([*map(table, found[:2]), *found[2]]))
-    print(f"\n{len(found[2])} violations of {given.count} {given.kind} in {time.monotonic() - begun:.0f} s")
-    return bool(found[2])
+    found, violations = campaign(given.kind, numbers, given.seed, given.jobs, given.limit, tuple(given.methods))
+    tables = (pandas.crosstab(found[by], found.outcome, margins=True) for by in ("family", "subject"))
+    print(*tables, *violations, sep="\n\n")
+    print(f"\n{len(violations)} violations of {given.count} {given.kind} in {time.monotonic() - begun:.0f} s")
+    return bool(violations)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ LITERALS = [
 
 
 def case_file(rng: np.random.Generator) -> Any:
-    """A field with another value, a line less, a byte changed."""
+    """A field with another value, a line less, letters left out, doubled or exchanged with others of the file."""
     text = str(rng.choice([STEEL, *(case_blocks(paper_text())[x] for x in ("table10", "table3"))]))
     kind = rng.integers(5)
     if kind == 0:
@@ -78,8 +78,11 @@ def case_file(rng: np.random.Generator) -> Any:
         del lines[rng.integers(len(lines))]
         return one_case("\n".join(lines))
     if kind == 1:
-        at = int(rng.integers(len(text)))
-        return one_case(text[:at] + str(rng.choice(["", "\x00", '"', "[", "=", "\n", "9", "\x1b"])) + text[at + 1 :])
+        letters = list(text)
+        for at in rng.integers(0, len(letters), rng.integers(1, 4)):
+            other = letters[rng.integers(len(letters))]
+            letters[at] = rng.choice(["", 2 * letters[at], other, "\x00", '"', "[", "=", "-", "\n", "e9", "\x1b"])
+        return one_case("".join(letters))
     values = list(re.finditer(r'(?<== )("[^"]*"|[-\d.e]+|\[[^\]]*\]|\{[^{}]*\})', text))
     for match in sorted(rng.choice(len(values), 1 + (kind == 2), replace=False), reverse=True):
         place = values[match]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+from systems import one_mass
 from wild_values import near, wild
 
 import stiffbeam as sb
@@ -54,9 +55,8 @@ def beam() -> sb.System:
 
 def mass(stops: Any = None, load: Any = None, offset: Any = None, **given: Any) -> sb.System:
     """q'' + 25 q = load between stops."""
-    contact = sb.Contact([1.0], sb.Stops(**STOPS) if stops is None else stops, offset)
-    loads = [([1.0], sb.Harmonic(3.0, 4.0) if load is None else load)]
-    return sb.System.from_matrices([[1.0]], [[25.0]], loads=loads, contacts=[contact], **given)
+    stops, load = sb.Stops(**STOPS) if stops is None else stops, sb.Harmonic(3.0, 4.0) if load is None else load
+    return one_mass(25.0, stops, load=load, offset=offset, **given)
 
 
 @functools.cache

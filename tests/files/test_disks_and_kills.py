@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,11 +16,6 @@ from fuzz import STEEL
 
 import stiffbeam as sb
 from stiffbeam.cli.commands import file_name
-from stiffbeam.files.cases import paper_case
-
-SMALL = replace(paper_case(10), cells=8, t_end=0.8)
-AMPLIFICATION = {"schemes": ["bdf2"], "steps": 10}
-
 
 FULL = """
 import resource, sys
@@ -72,7 +66,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(words, tmp_path):
 def test_what_is_wrong_at_every_point_is_said_at_once(monkeypatch):
     monkeypatch.setenv("STIFFBEAM_THREADS", "abc")
     with pytest.raises(sb.InputError, match="STIFFBEAM_THREADS must be an integer >= 1, got 'abc'"):
-        sb.study("modes", SMALL, **AMPLIFICATION)
+        sb.study("modes", "table10", schemes=["bdf2"], steps=10)
 
 
 @pytest.mark.slow

@@ -233,21 +233,6 @@ def test_what_is_no_run_is_named(tmp_path, monkeypatch):
         sb.load(file)
 
 
-@pytest.mark.parametrize("target", ["os.fsync", "os.replace"])
-def test_a_failing_write_leaves_what_was_there(tmp_path, monkeypatch, target):
-    def fails(*_):
-        raise OSError(28, "No space left on device")
-
-    old = results()["reference"].save(tmp_path / "old.nc")
-    before = old.read_bytes()
-    monkeypatch.setattr(target, fails)
-    for file in (old, tmp_path / "new.nc"):
-        with pytest.raises(sb.InputError, match="No space"):
-            results()["run"].save(file)
-    assert [path.name for path in tmp_path.iterdir()] == ["old.nc"]
-    assert old.read_bytes() == before
-
-
 @pytest.mark.slow
 def test_a_link_is_replaced_and_threads_save_files_of_one_name(tmp_path):
     run, stranger = results()["run"], tmp_path / "stranger"

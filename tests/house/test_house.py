@@ -1,4 +1,4 @@
-"""The floor plan: imports between rooms. Data flows one way, and so do imports, lazy ones and those in strings too.
+"""The floor plan: imports between rooms. Data flows one way, and so do imports, lazy ones too.
 
 Two files of one room may name each other's classes in annotations; nothing else may go in a circle.
 """
@@ -6,16 +6,20 @@ Two files of one room may name each other's classes in annotations; nothing else
 from __future__ import annotations
 
 import ast
+import dataclasses
 import re
 import subprocess
 import sys
 from functools import cache
+from importlib import import_module
 from importlib.util import resolve_name
 from pathlib import Path
 
 import pytest
 
 import stiffbeam
+from stiffbeam.references import REFERENCES, registry, solve
+from stiffbeam.references.registry import ADAPTIVE, EXACT, MULTIPRECISION
 
 PACKAGE = Path(stiffbeam.__file__).parent
 # A room imports from rooms to its left only; march and references do not know each other.
@@ -25,7 +29,6 @@ ROOMS = (
 )  # fmt: skip
 STRANGERS = {("march", "references"), ("references", "march")}
 ENTRANCES = {"", "__main__", "pytest_plugin", "testing"}  # what users import; nothing in a room does
-NAMED = re.compile(rf"\bstiffbeam\.(?:{'|'.join(ROOMS)})\b[\w.]*")  # a module in a string
 
 
 def _name(path: Path) -> str:
@@ -37,33 +40,27 @@ MODULES = {_name(path): path for path in PACKAGE.rglob("*.py")}
 
 def _module(dotted: str) -> str:
     """The longest beginning of a dotted name that is a module; its last part may be a name in it."""
-    dotted = dotted.removeprefix("stiffbeam").strip(".")
     while dotted not in MODULES:
         dotted = dotted.rpartition(".")[0]
     return dotted
 
 
-def _dotted(node: ast.AST, package: str) -> list[str]:
-    """Full names of what a node imports or, as a string, names."""
-    if isinstance(node, ast.ImportFrom):
-        base = resolve_name("." * node.level + (node.module or ""), package)
-        return [f"{base}.{alias.name}" for alias in node.names]
-    if isinstance(node, ast.Import):
-        return [alias.name for alias in node.names]
-    return NAMED.findall(node.value) if isinstance(node, ast.Constant) and isinstance(node.value, str) else []
-
-
 def _imports(name: str) -> set[str]:
     """Modules of the package that a module imports, in functions too, and for types from other rooms."""
     path, room = MODULES[name], name.partition(".")[0]
-    package = f"stiffbeam.{name}" if path.name == "__init__.py" else f"stiffbeam.{name}".rpartition(".")[0]
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     guards = [node for node in tree.body if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)]
     for_types = {inner for guard in guards for inner in ast.walk(guard)}
     imported = set()
     for node in ast.walk(tree):
-        others = {_module(dotted) for dotted in _dotted(node, package) if dotted.partition(".")[0] == "stiffbeam"}
-        imported |= {other for other in others if node not in for_types or other.partition(".")[0] != room}
+        absolute = node.module if isinstance(node, ast.ImportFrom) and not node.level else ""
+        absolute = node.names[0].name if isinstance(node, ast.Import) else absolute
+        assert not absolute.startswith("stiffbeam"), f"{name}: write relative imports, which this test reads"
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = resolve_name("." * node.level + (node.module or ""), f"stiffbeam.{package}".rstrip("."))
+            others = {_module(f"{base}.{alias.name}".removeprefix("stiffbeam.")) for alias in node.names}
+            imported |= {other for other in others if node not in for_types or other.partition(".")[0] != room}
     return imported - {name}
 
 
@@ -111,3 +108,22 @@ def test_campaigns_run_only_where_they_are_named():
     done = subprocess.run([*command, "-m", "not slow"], cwd=PACKAGE.parents[1], capture_output=True, text=True)
     assert "any_method[12" not in done.stdout
     assert "test_an_ensemble_says" in done.stdout
+
+
+# The registry of reference solvers.
+
+KINDS = {"exact": EXACT, "multiprecision": MULTIPRECISION, "adaptive": ADAPTIVE}  # a room of references each
+
+
+@pytest.mark.parametrize("method", REFERENCES.values(), ids=lambda method: method.name)
+def test_every_method_stands_in_the_room_of_its_kind_and_says_how_it_solves(method):
+    assert KINDS[method.module.partition(".")[0]] == method.kind
+    assert callable(import_module(f"stiffbeam.references.{method.module}").solve)
+    assert "missing" not in method.versions().values()
+
+
+def test_a_library_that_fails_inside_is_no_missing_method(table10_system, monkeypatch):
+    """A module of another name that is missing is a fault to be seen, not one to be installed away."""
+    monkeypatch.setitem(registry.REFERENCES, "cvode", dataclasses.replace(REFERENCES["cvode"], module="adaptive.none"))
+    with pytest.raises(ModuleNotFoundError, match=re.escape("stiffbeam.references.adaptive.none")):
+        solve(table10_system, 0.01, "cvode", None, 1e-6, None)

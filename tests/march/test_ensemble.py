@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import joblib
 import numpy as np
 import pytest
-import rigid_witness
+from law_systems import rigid_system
 from systems import one_mass, random_chain, two_contacts, with_stops
 
 import stiffbeam as sb
@@ -105,7 +105,7 @@ def test_members_of_a_random_chain(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [*list(KINDS)[:5], "rigid"])
 def test_an_exact_member_is_its_single_run(kind, system):
-    system = rigid_witness.random_system(34) if kind == "rigid" else system
+    system = rigid_system(34) if kind == "rigid" else system
     t = np.linspace(0.0, 1.5 if kind == "rigid" else 0.5, 51)
     members = sb.perturbed_members(system, 9, 1e-3) if kind == "rigid" else KINDS[kind](system)
     ensemble = sb.reference_ensemble(system, t[-1], members, t)

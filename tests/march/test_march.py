@@ -12,9 +12,8 @@ from dataclasses import fields, replace
 import numpy as np
 import plain_march
 import pytest
-from adaptive_systems import rotor
 from scipy.interpolate import CubicHermiteSpline
-from systems import one_mass, random_chain
+from systems import one_mass, random_chain, rotor
 
 import stiffbeam as sb
 from stiffbeam.march import block_march

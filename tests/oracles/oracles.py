@@ -1,9 +1,8 @@
-"""Independent answers: closed forms and plain loops on arrays and numbers, with NumPy, SciPy and mpmath alone."""
+"""Closed forms of the beam without contact."""
 
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 from scipy.optimize import brentq
 
 
@@ -45,19 +44,3 @@ def moving_support_series(k2: float, amplitude: float, a: float, t: np.ndarray, 
         gain = -amplitude * a**2 * (w @ X) / (w @ X**2) / (omega**2 - a**2)
         u = u + beam_mode(root, np.array([1.0]))[0] * gain * (np.cos(a * t) - np.cos(omega * t))
     return u
-
-
-def exact_linear(
-    mass, damping, stiffness, q0, v0, t: np.ndarray, frequency: float, sine, cosine, constant
-) -> tuple[np.ndarray, np.ndarray]:
-    """q(t), q'(t) of M q'' + C q' + K q = constant + sine sin + cosine cos, by the matrix exponential."""
-    n = len(mass)
-    A = np.zeros((2 * n + 3, 2 * n + 3))
-    inverse = np.linalg.inv(mass)
-    A[:n, n : 2 * n] = np.eye(n)
-    A[n : 2 * n, :n], A[n : 2 * n, n : 2 * n] = -inverse @ stiffness, -inverse @ damping
-    A[n : 2 * n, 2 * n :] = np.stack([inverse @ constant, inverse @ sine, inverse @ cosine], axis=1)
-    A[2 * n + 1, 2 * n + 2], A[2 * n + 2, 2 * n + 1] = frequency, -frequency
-    y0 = np.concatenate([q0, v0, [1.0, 0.0, 1.0]])
-    y = np.array([scipy.linalg.expm(A * s) @ y0 for s in t])
-    return y[:, :n], y[:, n : 2 * n]

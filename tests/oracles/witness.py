@@ -113,18 +113,8 @@ class Regime:
         return d[:, None] * scipy.linalg.expm(np.multiply.outer(np.asarray(tau, float), B)) / d
 
     def flow(self, z: np.ndarray, tau: float) -> np.ndarray:
-        """exp(A tau) z: Taylor's series where it is short."""
-        B, d = self.balanced
-        size = np.linalg.norm(B, 1) * tau
-        if size > 1.0:
-            return self.exponential(tau) @ z
-        term = total = z / d
-        for k in range(1, 25):
-            term = (tau / k) * (B @ term)
-            total = total + term
-            if size**k < 1e-30:
-                break
-        return d * total
+        """exp(A tau) z."""
+        return self.exponential(tau) @ z
 
     @cached_property
     def scales(self) -> tuple[float, float]:
@@ -146,10 +136,7 @@ class Regime:
             count = 1 + int(np.ceil(np.log(longest / first) / np.log(RATIO)))
             widths = longest * RATIO ** -np.arange(count, -1.0, -1.0)
             times = np.cumsum(widths)
-            powers = np.empty((BLOCK, *self.A.shape))
-            powers[0] = self.exponential(longest)
-            for k in range(1, BLOCK):
-                powers[k] = powers[k - 1] @ powers[0] if k % 8 else self.exponential((k + 1) * longest)
+            powers = self.exponential(longest * np.arange(1.0, BLOCK + 1.0))
             self.stencil[longest] = times, self.exponential(times), longest, powers
         return self.stencil[longest]
 

@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from law_systems import kelvin_voigt_system, random_system
+from law_systems import kelvin_voigt_system, random_system, rigid_system
+from scipy.integrate import quad
 
 import stiffbeam as sb
 from stiffbeam.references import solve
@@ -127,3 +128,18 @@ def test_the_ledger_is_as_accurate_as_the_motion_where_a_stop_lets_go(method):
     assert np.max(np.abs(ledger.loss)) < 1e-6 * np.max(ledger.energy)
     assert np.min(np.diff(ledger.stop_dissipation)) > -1e-6 * np.max(ledger.energy)
     assert ledger.stop_dissipation[-1] > 0.1 * ledger.energy[0]
+
+
+@pytest.mark.parametrize("seed", range(80))
+@pytest.mark.fast(4, slow=8)
+def test_impulses_of_rigid_stops_are_the_change_of_momentum(seed):
+    """M (q'(T) - q'(0)) - sum p int f = sum row J of bodies that nothing else holds, J > 0 of lower stops: impacts,
+    chatter and persistent contacts, to rounding."""
+    system = rigid_system(seed)
+    lower = [replace(contact, stops=replace(contact.stops, upper=None)) for contact in system.contacts]
+    free = replace(system, stiffness=0.0 * system.stiffness, damping=0.0 * system.damping, contacts=lower)
+    run = sb.reference(free, T)
+    given = sum(p * quad(load.value, 0.0, T)[0] for p, load in free.loads)
+    gained = free.mass @ (run.states[1][-1] - free.v0)
+    pushed = sum(contact.row * record.impulse for contact, record in zip(free.contacts, run.contacts, strict=True))
+    np.testing.assert_allclose(pushed, gained - given, atol=1e-10 * np.max(np.abs([gained, given])))

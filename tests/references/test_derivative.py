@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rigid_witness
-from adaptive_systems import rotor
-from law_systems import driven, free_system, kelvin_voigt_system, stops_of
-from systems import one_mass
+from law_systems import driven, free_system, kelvin_voigt_system, rigid_system, stops_of
+from systems import one_mass, rotor
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -35,7 +33,7 @@ def recorded(seed: int) -> sb.System:
 
 def random_system(index: int) -> tuple[sb.System, dict[str, float]]:
     """System ``index``, of every kind of contact in turn, and its parameters by path."""
-    system = (recorded, kelvin_voigt_system, rigid_witness.random_system, free_system)[index % 4](index)
+    system = (recorded, kelvin_voigt_system, rigid_system, free_system)[index % 4](index)
     (contact, *_), names = system.contacts, ["loads[0].time.amplitude", "loads[0].time.frequency", "v0[0]"]
     names += [f"contacts[0].stops.{x}" for x in ("lower", "upper") if getattr(contact.stops, x) is not None]
     names += ["contacts[0].stops.restitution"] if contact.stops.restitution else []

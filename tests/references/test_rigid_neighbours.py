@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import rigid_witness
+from law_systems import RigidWitness, rigid_system
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
@@ -86,9 +86,9 @@ PASSED_THROUGH = 377  # the witness lets a contact that has come to rest through
 @pytest.mark.fast(6, slow=22)
 def test_random_systems_against_another_solver(seed):
     """Bounces slower than SLOW are left out by the witness: 2 SLOW/(a (1 - e)) of time, and as much of position."""
-    system, times = rigid_witness.random_system(seed), np.linspace(0.0, 3.0, 61)
+    system, times = rigid_system(seed), np.linspace(0.0, 3.0, 61)
     run = sb.reference(system, 3.0, t_eval=times)
-    want = rigid_witness.RigidWitness(system).solve(times)[0]
+    want = RigidWitness(system).solve(times)[0]
     assert np.max(np.abs(run.contacts[0].position - want)) < 1e-4 * np.max(np.abs(want))
     assert np.max(np.abs(run.energy.loss)) < 1e-9 * np.max(run.energy.energy)
 
@@ -98,7 +98,7 @@ def test_random_systems_against_another_solver(seed):
 def test_contacts_that_throw_each_other_off_come_to_rest(seed):
     """Speeds fall by a factor in every turn, below rounding at one time: then both are held, and the last impact of
     each has what it presses. Moreau and Jean's scheme, of order 1, goes there too."""
-    system, steps = rigid_witness.random_system(seed), 40_000
+    system, steps = rigid_system(seed), 40_000
     run = sb.reference(system, 3.0, t_eval=np.linspace(0.0, 3.0, 401))
     other = sb.integrate(system, sb.MoreauJean(), 3.0 / steps, 3.0, every=steps // 400)
     assert run.horizon == 3.0

@@ -7,8 +7,8 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from adaptive_systems import SYSTEMS, rotor
 from law_systems import Witness
+from systems import SYSTEMS, rotor
 
 import stiffbeam as sb
 from stiffbeam.references import solve

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from adaptive_systems import SYSTEMS, chain, stop
+from systems import SYSTEMS, chain, stop
 
 import stiffbeam as sb
 from stiffbeam.references.adaptive import sundials

@@ -6,8 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from law_systems import kelvin_voigt_system
-from rigid_witness import random_system as rigid_system
+from law_systems import kelvin_voigt_system, rigid_system
 from systems import two_contacts
 
 import stiffbeam as sb

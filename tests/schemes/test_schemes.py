@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.linalg
-from oracles import exact_linear
-from systems import linear_part, one_mass, three_masses
+from systems import case_of, one_mass, three_masses
+from witness import solve
 
 import stiffbeam as sb
 from stiffbeam.model.equations import Matrices, Modal
@@ -37,16 +37,7 @@ def test_a_reaction_acts_as_a_load_does(scheme):
 
 def observed(system, scheme, steps, t_end):
     """Slope of log(error) over log(dt) against the matrix exponential, and the error of the finest step."""
-    sine, cosine, level = np.zeros((3, system.size))
-    for vector, f in system.loads:
-        if isinstance(f, sb.Harmonic):
-            sine, cosine = (
-                sine + f.amplitude * np.cos(f.phase) * vector,
-                cosine + f.amplitude * np.sin(f.phase) * vector,
-            )
-        else:
-            level = level + f.level * vector
-    q, v = exact_linear(*linear_part(system), np.array([t_end]), 1.3, sine, cosine, level)
+    q, v = solve(case_of(system, t_end)).states(np.array([t_end]))
     errors = []
     for n in steps:
         end = [x[-1] for x in sb.integrate(system, scheme, t_end / n, t_end, every=n).states]

@@ -11,33 +11,18 @@ from stiffbeam.integrators import integrator, integrators
 from stiffbeam.schemes.labels import user_source
 from stiffbeam.studies.comparison import CaseComparison
 
-S6 = np.sqrt(6.0)
-NODES = np.array([(4.0 - S6) / 10.0, (4.0 + S6) / 10.0, 1.0])
-TABLEAU = np.array([
-    [(88.0 - 7.0 * S6) / 360.0, (296.0 - 169.0 * S6) / 1800.0, (-2.0 + 3.0 * S6) / 225.0],
-    [(296.0 + 169.0 * S6) / 1800.0, (88.0 + 7.0 * S6) / 360.0, (-2.0 - 3.0 * S6) / 225.0],
-    [(16.0 - S6) / 36.0, (16.0 + S6) / 36.0, 1.0 / 9.0],
-])  # fmt: skip
 
-
-def radau(system, dt, t_end):
-    """Radau IIA of order 5 (Hairer and Wanner II, table IV.5.6), its three stages solved at once by Newton's method."""
-    ode = system.ode()
-    n, steps = len(ode.y0), round(t_end / dt)
-    h, states = t_end / steps, [ode.y0]
-    for k in range(steps):
-        times, stages = k * h + NODES * h, np.tile(states[-1], (3, 1))
-        for _ in range(30):
-            rates = np.array([ode.rhs(t, y) for t, y in zip(times, stages, strict=True)])
-            residual = stages - states[-1] - h * TABLEAU @ rates
-            slopes = [ode.jac(t, y) for t, y in zip(times, stages, strict=True)]
-            J = np.eye(3 * n) - h * np.block([[TABLEAU[i, j] * slopes[j] for j in range(3)] for i in range(3)])
-            change = np.linalg.solve(J, residual.ravel()).reshape(3, n)
-            stages = stages - change
-            if np.max(np.abs(change)) < 1e-13:
-                break
-        states.append(stages[-1])
-    return np.arange(steps + 1) * h, ode.displacement(states), ode.velocity(states)
+def runge_kutta(system, dt, t_end):
+    """The classical method of order 4."""
+    ode, times = system.ode(), np.arange(round(t_end / dt) + 1) * dt
+    states = [ode.y0]
+    for t in times[:-1]:
+        y = states[-1]
+        k1 = ode.rhs(t, y)
+        k2 = ode.rhs(t + dt / 2, y + dt / 2 * k1)
+        k3 = ode.rhs(t + dt / 2, y + dt / 2 * k2)
+        states.append(y + dt / 6 * (k1 + 2.0 * k2 + 2.0 * k3 + ode.rhs(t + dt, y + dt * k3)))
+    return times, ode.displacement(states), ode.velocity(states)
 
 
 def pair() -> sb.System:
@@ -50,21 +35,21 @@ def pair() -> sb.System:
 
 
 def recorded(system, dt, t_end, name="radau"):
-    t, q, v = radau(system, dt, t_end)
+    t, q, v = runge_kutta(system, dt, t_end)
     return sb.Trajectory.from_arrays(t, states=(q, v), system=system, name=name)
 
 
 def test_each_kind_has_a_label_of_its_own(tmp_path, monkeypatch):
-    (tmp_path / "ext_kinds.py").write_text("def radau(system, dt, t_end):\n    return None\n", encoding="utf-8")
+    (tmp_path / "ext_kinds.py").write_text("def f(system, dt, t_end):\n    return None\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     runs = [recorded(pair(), dt, 0.1) for dt in (0.05, 0.025)]
     chosen = integrators(
-        ["HHT(alpha=-0.1)", "radau", "ext_kinds:radau", radau, *runs, lambda *_: None, lambda *_: None]
+        ["HHT(alpha=-0.1)", "radau", "ext_kinds:f", runge_kutta, *runs, lambda *_: None, lambda *_: None]
     )
     assert [x.kind for x in chosen] == ["scheme", "solver", "function", "function", "recorded", "function", "function"]
     labels = [x.label for x in chosen]
-    assert labels[:3] == ["HHT(alpha=-0.1)", "radau", "ext_kinds:radau"]
-    assert labels[3].endswith("test_integrators:radau")
+    assert labels[:3] == ["HHT(alpha=-0.1)", "radau", "ext_kinds:f"]
+    assert labels[3].endswith("test_integrators:runge_kutta")
     assert labels[4:] == ["radau (recorded)", "<lambda>", "<lambda> (2)"]
     for other in (3, None, [], [3]):
         with pytest.raises(sb.InputError, match="integrator must be something that can be run"):
@@ -85,20 +70,17 @@ def test_a_journal_sees_that_a_function_has_changed(tmp_path, monkeypatch):
 
 
 def test_compare_takes_functions_recorded_runs_and_solvers():
-    """Radau IIA as a function and as arrays is one motion; the solver is a further reference."""
+    """Runge and Kutta's method as a function and as arrays is one motion; the solver is a further reference."""
     system, dt, t_end = pair(), 0.01, 0.6
-    runs = ["trapezoidal", radau, recorded(system, dt, t_end), "cvode-adams"]
+    runs = ["trapezoidal", runge_kutta, recorded(system, dt, t_end), "cvode-adams"]
     result = CaseComparison(case_of(system, dt, t_end))
     list(result.run(runs, ["exact"]))
     assert not result.failures
     assert [x.provenance["method"] for x in result.references] == ["exact", "cvode-adams"]
     errors = {x.label: x.tip_error_rms for x in result.comparisons}
-    function, arrays, rule = (
-        errors[f"{integrator(radau).label}@matrices"],
-        errors["radau@matrices"],
-        errors["Trapezoidal@matrices"],
-    )
-    assert function == arrays < 0.1 * rule
+    names = integrator(runge_kutta).label, "radau", "Trapezoidal"
+    function, arrays, rule = (errors[f"{name}@matrices"] for name in names)
+    assert function == arrays < 0.2 * rule
     assert {x.contacts[0].run.impacts for x in result.comparisons} == {result.references[0].impacts.count}
 
 
@@ -150,17 +132,17 @@ def test_a_function_that_fails_at_every_step_is_named_in_the_answer():
 
 
 @pytest.mark.slow
-def test_a_strangers_radau_stands_in_one_picture_with_ida_cvode_and_kvaerno():
-    """Order 5 = 2s - 1 without contact. Recorded runs cannot run at other steps."""
+def test_a_strangers_method_stands_in_one_picture_with_ida_cvode_and_kvaerno():
+    """Order 4 without contact. Recorded runs cannot run at other steps."""
     system, t_end = pair(), 1.0
     with pytest.raises(sb.InputError, match="pass recorded runs to compare or score"):
         sb.study("converge", system, dt=0.02, t_end=t_end, integrators=[recorded(system, 0.02, t_end)])
     records = sb.study(
         "converge", system, dt=0.02, t_end=t_end, halvings=2, tolerances=[1e-6], impacts=2, kinds=["contact"],
-        views=["work"], integrators=["trapezoidal", radau, "ida", "cvode", "kvaerno5"],
+        views=["work"], integrators=["trapezoidal", runge_kutta, "ida", "cvode", "kvaerno5"],
     )  # fmt: skip
     rows = dict(list(records.found.groupby("integrator")))
-    label = integrator(radau).label
+    label = integrator(runge_kutta).label
     assert set(rows) == {"Trapezoidal", label, "ida", "cvode", "kvaerno5"}
     assert max(rows[name]["tip_error"].max() for name in ("ida", "cvode", "kvaerno5")) < 1e-4
     assert rows["kvaerno5"]["solves"].iloc[0] < 6000  # of its steps, not of steps of six stages to a thousand outputs
@@ -168,10 +150,17 @@ def test_a_strangers_radau_stands_in_one_picture_with_ida_cvode_and_kvaerno():
     assert (records.found["tip_error"] < 0.1).all()
     assert {"IDA", "CVODE BDF", "Kvaerno5"} <= {text.get_text() for text in records.figure().legends[0].get_texts()}
     smooth = sb.study(
-        "converge", system, dt=0.1, t_end=t_end, halvings=4, kinds=["smooth"], views=["order"], integrators=[radau]
+        "converge",
+        system,
+        dt=0.1,
+        t_end=t_end,
+        halvings=4,
+        kinds=["smooth"],
+        views=["order"],
+        integrators=[runge_kutta],
     )
     order = smooth.answer.table["order without contact"].iloc[0]
-    assert float(order.split()[0]) == pytest.approx(5.0, abs=0.1)
+    assert float(order.split()[0]) == pytest.approx(4.0, abs=0.1)
 
 
 def test_mass_solves_of_an_explicit_scheme_are_evaluations():

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import passed
 
 import stiffbeam as sb
 from stiffbeam.schemes import RIGID, UnweightedHHT, registered
@@ -303,8 +302,6 @@ def test_a_scorecard_is_saved_drawn_and_written_as_json(tmp_path):
     ("lines", "says"),
     [
         (["t,u", "0,1", "0.5,x"], "line 3"),
-        (["0 1", "1 2 3"], "line 2: 3 columns"),
-        (["0,1,2", "1,,3"], "a cell is empty"),
         (["0 1", "1 2", "2 3"], "at least 4"),
         (["0 0 0", "1 0 0", "2 0 0", "3 0 0"], "reach t_end"),
         (["0 0 0", "1 nan 0", "2 0 0", "5 0 0"], "finite"),
@@ -357,14 +354,3 @@ def test_the_page_runs_as_written(tmp_path):
     for name in sb.problems():
         assert f"## {name}\n" in PAGE
         assert (ROOT / "reference" / "problems" / f"{name}.png").is_file()
-
-
-@pytest.mark.slow
-def test_the_plugin_asks_every_problem(tmp_path):
-    text = (
-        "import numpy as np\n"
-        "def test_mine(known_problem):\n"
-        "    tip = known_problem.answers['tip'].value\n"
-        "    assert tip.shape == known_problem.times.shape\n"
-    )
-    assert f"{len(sb.problems())} passed" in passed(tmp_path, text)

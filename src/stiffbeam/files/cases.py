@@ -14,7 +14,7 @@ from typing import Any
 from ..basics.storage import regular_text
 from ..basics.text import several
 from ..basics.units import Units
-from ..basics.validation import InputError, exact_float, file_path, instance, integer, near, positive, step_count
+from ..basics.validation import InputError, exact_float, file_path, instance, integer, one_of, positive, step_count
 from ..model.contact import Stops
 from ..model.members import varied_members
 from ..model.problem import BeamProblem
@@ -109,8 +109,8 @@ class Case:
         """The semi-discrete system in this form, by default the first of ``forms``. Matrices have one form."""
         if self.matrices is None:
             return semidiscretise(self.beam, self.cells, form or self.forms[0])
-        if form not in (None, self.matrices.form):
-            raise InputError("form", form, "be that of the system", near(form or "", self.forms))
+        if form is not None:
+            one_of("form", form, self.forms, "be that of the system")
         return self.matrices
 
 
@@ -175,23 +175,16 @@ def find_case(name: str) -> Case:
     """A case by name: ``table1`` .. ``table17``, a TOML file with one case, or ``file.toml:case``."""
     if not isinstance(name, str):
         raise InputError("case", name, "be the name of a case", "table1 to table17, or a TOML file")
-    # The paper's tables first: no file can stand in their way.
-    known = paper_cases()
-    if name in known:
-        return known[name]
     file_path("case", name, "table1 to table17, or a TOML file")
     head, colon, wanted = name.partition(".toml:")
-    file = f"{head}.toml" if colon else name
-    if file.endswith(".toml") or Path(file).is_file():
-        cases = load_cases(file)
-        if wanted:
-            if wanted not in cases:
-                raise InputError("case", wanted, f"be one of the cases in {file}", near(wanted, cases))
-            return cases[wanted]
-        if len(cases) > 1:
-            raise InputError("case", name, "name one case of the file", f"add :{' or :'.join(cases)} to it")
-        return next(iter(cases.values()))
-    raise InputError("case", name, "be a table of the paper or a TOML file", near(name, known))
+    file, known = f"{head}.toml" if colon else name, paper_cases()
+    # The paper's tables first: no file can stand in their way.
+    if name in known or not (file.endswith(".toml") or Path(file).is_file()):
+        return known[one_of("case", name, known, "be a table of the paper or a TOML file")]
+    cases = load_cases(file)
+    if not wanted and len(cases) > 1:
+        raise InputError("case", name, "name one case of the file", f"add :{' or :'.join(cases)} to it")
+    return cases[one_of("case", wanted or next(iter(cases)), cases, f"be one of the cases in {file}")]
 
 
 @cache

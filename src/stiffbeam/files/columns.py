@@ -75,12 +75,22 @@ def _splitter(lines: list[str]) -> Any:
     sample = lines[min(1, len(lines) - 1)]  # behind a line of names
     for separator in (";", "\t"):
         if separator in sample:
-            return lambda line: [cell.strip().replace(",", ".") if COMMA.fullmatch(cell.strip()) else cell.strip()
-                                 for cell in next(csv.reader([line], delimiter=separator))]  # fmt: skip
+            return lambda line: list(map(_pointed, _cells(line, delimiter=separator)))
     blanks = sample.split()
     if "," not in sample or (len(blanks) > 1 and any(map(COMMA.fullmatch, blanks)) and ", " not in sample):
-        return lambda line: [x.replace(",", ".") if COMMA.fullmatch(x) else x.strip('"') for x in line.split()]
-    return lambda line: [cell.strip() for cell in next(csv.reader([line], skipinitialspace=True))]
+        return lambda line: [_pointed(x.strip('"')) for x in line.split()]
+    return lambda line: _cells(line, skipinitialspace=True)
+
+
+def _cells(line: str, **form: Any) -> list[str]:
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], **form))]
+    except csv.Error:  # a cell longer than any number: the line as one cell is refused with its number
+        return [line]
+
+
+def _pointed(cell: str) -> str:
+    return cell.replace(",", ".") if COMMA.fullmatch(cell) else cell
 
 
 def _float(text: str) -> float | None:

@@ -79,14 +79,15 @@ class Matrices:
 
     def system(self) -> System:
         """The system of these matrices, loads and contacts."""
-        common = {x.name: getattr(self, x.name) for x in fields(self) if x.name not in ("modal_damping", "modes")}
-        if self.modes is not None:
-            return reduce_model(**common, modes=self.modes, modal_damping=self.modal_damping)[0]
-        system = System.from_matrices(**common)
-        if not np.any(self.modal_damping):
-            return system
-        added = modal_damping(system.mass, system.stiffness, self.modal_damping)
-        return replace(system, damping=system.damping + added)
+        given = dict(vars(self))
+        modes, ratios = given.pop("modes"), given.pop("modal_damping")
+        if modes is not None:
+            return reduce_model(**given, modes=modes, modal_damping=ratios)[0]
+        system = System.from_matrices(**given)
+        if np.any(ratios):
+            added = modal_damping(system.mass, system.stiffness, ratios)
+            system = replace(system, damping=system.damping + added)
+        return system
 
 
 @dataclass
@@ -107,13 +108,6 @@ class Samples:
     dt: float | None = None
     time_factor: float | None = None
     start: float | None = None
-
-
-@dataclass
-class Sum:
-    """A sum of functions of time in a case file."""
-
-    sum: Sequence[TimeFunction]
 
 
 SI_TABLE = dict(zip(("length", "time", "force"), SI, strict=True))
@@ -137,8 +131,9 @@ class Reader:
             Contact: self._contact,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
             Profile: _polynomial,
-            str | Points: lambda value, _: self.read(value, Points if isinstance(value, dict) else str),
-            Stops | Sequence[Stops] | None: lambda value, _: self.read(value, Sequence[Stops]),
+            str | Points: lambda x, _: self.read(x, Points if isinstance(x, dict) else str),
+            Stops | Sequence[Stops] | None: lambda x, _: self.read(x, Sequence[Stops]),
+            float | Sequence[float]: lambda x, _: self.read(x, list[float] if isinstance(x, list) else float),
         }  # fmt: skip
         # By class, which comes before the conversions that cattrs has for these.
         for plain, hook in ((float, _number), (int, lambda value, _: _kind(value, int)), (str, _text)):
@@ -146,10 +141,6 @@ class Reader:
         convert.register_structure_hook_factory(lambda kind: getattr(kind, "__origin__", None) in SEQUENCES, self._list)
         convert.register_structure_hook_factory(is_dataclass, self._class)
         convert.register_structure_hook_factory(lambda kind: getattr(kind, "__origin__", None) is dict, self._names)
-        convert.register_structure_hook_func(
-            lambda kind: kind == float | Sequence[float],
-            lambda value, _: self.read(value, Sequence[float] if isinstance(value, list) else float),
-        )
         for kind, hook in hooks.items():
             convert.register_structure_hook_func(lambda each, kind=kind: each == kind, hook)
 
@@ -191,7 +182,7 @@ class Reader:
         _table(value, [*known, *own])
         rest = {name: x for name, x in value.items() if name not in own}
         if one == "sum":
-            return Superposition(*self.read(rest, Sum).sum)
+            return Superposition(*self.read(rest, dict[str, Sequence[TimeFunction]])["sum"])
         if one == "sampled":
             return self._sampled(self.read(rest, Samples))
         return Constant(_number(rest["constant"])) if one else self.read(rest, Harmonic)

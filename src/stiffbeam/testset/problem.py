@@ -142,19 +142,14 @@ def folder() -> Path:
 def read(text: str) -> Problem:
     """A problem from the text of its file."""
     table = tomllib.loads(text)
-    answers = {
-        name: Answer(tuple(x["value"]) if isinstance(x["value"], list) else x["value"], x["how"])
-        for name, x in table["answers"].items()
-    }
-    derivatives = table.get("derivatives", {})
+    data, derivatives = table.pop("system"), table.pop("derivatives", {})
     how = derivatives.pop("how", "")
-    known_derivatives = {
-        what: {path: Answer(digits, how) for path, digits in values.items()} for what, values in derivatives.items()
-    }
-    plain = ("number", "name", "title", "source", "catches", "t_end", "samples", "order_limit")
-    given = {key: table[key] for key in plain}
-    return Problem(**given, steps=tuple(table["steps"]), answers=answers, data=table["system"],
-                   derivatives=known_derivatives)  # fmt: skip
+    for name, answer in table["answers"].items():
+        digits = answer["value"]
+        table["answers"][name] = Answer(digits if isinstance(digits, str) else tuple(digits), answer["how"])
+    table["steps"] = tuple(table["steps"])
+    known = {kind: {path: Answer(digits, how) for path, digits in of.items()} for kind, of in derivatives.items()}
+    return Problem(**table, data=data, derivatives=known)
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -73,7 +73,7 @@ class Entry:
     outcome: str = ""
     reason: str = ""
     order: Order = NONE
-    expected: float = float("nan")
+    expected: float = NAN
 
     @property
     def flagged(self) -> bool:
@@ -125,10 +125,7 @@ class Scorecard:
 
     def entry(self, integrator: str, problem: str) -> Entry:
         """One entry by integrator and problem; KeyError if there is none."""
-        for each in self.entries:
-            if (each.integrator, each.problem.name) == (integrator, problem):
-                return each
-        raise KeyError((integrator, problem))
+        return {(e.integrator, e.problem.name): e for e in self.entries}[integrator, problem]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""
@@ -343,8 +340,7 @@ def _entry(runner: Integrator, each: Problem, smooth: float) -> Entry:
         return replace(entry, outcome=NOT_TAKEN, reason=str(error))
     except (Diverged, SolverFailure) as error:
         return replace(entry, outcome=FAILED, reason=str(error))
-    entry = replace(entry, runs=tuple(runs), reason=reason, outcome=FAILED if reason else "")
-    return entry if reason else verdict(entry, smooth)
+    return verdict(replace(entry, runs=tuple(runs), reason=reason, outcome=FAILED if reason else ""), smooth)
 
 
 def _runs(runner: Integrator, each: Problem) -> tuple[list[dict[str, float]], str]:
@@ -392,44 +388,44 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     """
     if entry.outcome in (NOT_TAKEN, FAILED) or not entry.runs:
         return entry
-    levels, best = np.array([run["level"] for run in entry.runs]), entry.best
+    levels, error = np.array([run["level"] for run in entry.runs]), entry.best["tip_error"]
+    if entry.adaptive and error <= max(TIMES_TOLERANCE * levels[-1], FLOOR):
+        return replace(entry, outcome=CONVERGES)
     if entry.adaptive:
-        limit = max(TIMES_TOLERANCE * levels[-1], FLOOR)
-        said = "" if best["tip_error"] <= limit else f"a tip error of {best['tip_error']:.1e} at rtol {levels[-1]:.0e}"
-        return replace(entry, outcome=STAYS if said else CONVERGES, reason=said)
+        return replace(entry, outcome=STAYS, reason=f"a tip error of {error:.1e} at rtol {levels[-1]:.0e}")
     if np.min(levels) > SPAN * np.max(levels):
         return replace(entry, outcome=NOT_JUDGED, reason="its steps span less than a factor of four")
-    of = {name: np.abs([run[name] for run in entry.runs]) for name in QUANTITIES}
-    order = _order(levels, of["tip_error"])
     limit = entry.problem.order_limit
     # Whatever converges is of first order at least where the motion is smooth.
-    expected = min(float(np.fmax(smooth, 1.0)), limit) if limit > 0.0 else float("nan")
-    entry = replace(entry, order=order, expected=expected)
-    least_of = {
+    expected = min(float(np.fmax(smooth, 1.0)), limit) if limit > 0.0 else NAN
+    errors = {name: np.abs([run[name] for run in entry.runs]) for name in QUANTITIES}
+    entry = replace(entry, order=_order(levels, errors["tip_error"]), expected=expected)
+    outcome, reason = next(_faults(entry, levels, errors, smooth), (CONVERGES, ""))
+    return replace(entry, outcome=outcome, reason=reason)
+
+
+def _faults(entry: Entry, levels: Array, errors: dict[str, Array], smooth: float) -> Iterator[tuple[str, str]]:
+    """Outcome and reason of each fault of fixed-step runs, the worst first."""
+    limit = entry.problem.order_limit
+    least = {
         "impact_time_error": entry.problem.t_end / levels[-1],
         "velocity_error": COARSE if limit <= 0.0 else 1.0 / levels[-1] if limit <= 1.0 else FLOOR,
     }
-    for name, errors in of.items():
-        least = least_of.get(name, FLOOR)
-        if np.all(np.isfinite(errors)) and errors[-1] > least and not _falls(levels, errors):
-            said = (
-                f"{QUANTITIES[name]} from {errors[0]:.1e} to {errors[-1]:.1e} in {levels[0]:g} to {levels[-1]:g} steps"
-            )
-            return replace(entry, outcome=STAYS, reason=said)
-    most, seen = len(known_impacts(entry.problem)), best["impacts"]
+    steps = f"in {levels[0]:g} to {levels[-1]:g} steps"
+    for name, of in errors.items():
+        if np.all(np.isfinite(of)) and of[-1] > least.get(name, FLOOR) and not _falls(levels, of):
+            yield STAYS, f"{QUANTITIES[name]} from {of[0]:.1e} to {of[-1]:.1e} {steps}"
+    most, seen = len(known_impacts(entry.problem)), entry.best["impacts"]
     if 0 <= seen < most:
-        said = f"the finest run has {seen} of the first {most} impacts"
-        return replace(entry, outcome=MISSED, reason=said)
+        yield MISSED, f"the finest run has {seen} of the first {most} impacts"
     if seen > 0 and "impacts" in entry.problem.answers and not most:
-        return replace(entry, outcome=STAYS, reason=f"the finest run has {seen} impacts where there are none")
+        yield STAYS, f"the finest run has {seen} impacts where there are none"
     for name in ("tip_error", "velocity_error") if entry.problem.system.size <= SMALL else ("tip_error",):
-        found, wanted = _order(levels, of[name]), expected
+        order, expected = _order(levels, errors[name]), entry.expected
         if name == "velocity_error" and not np.isfinite(smooth):
-            wanted = min(order.slope, limit)
-        if found.points >= 4 and found.slope + found.interval < wanted - ORDER_SLACK:
-            said = f"{QUANTITIES[name]}: {found}, {wanted:.3g} expected"
-            return replace(entry, outcome=LOW_ORDER, reason=said)
-    return replace(entry, outcome=CONVERGES, reason="")
+            expected = min(entry.order.slope, limit)
+        if order.points >= 4 and order.slope + order.interval < expected - ORDER_SLACK:
+            yield LOW_ORDER, f"{QUANTITIES[name]}: {order}, {expected:.3g} expected"
 
 
 def _order(levels: Array, errors: Array) -> Order:
@@ -565,8 +561,10 @@ def _energy(problem: Problem, run: Trajectory) -> float:
     return (energy - problem.answers["energy"].value) / problem.answers["energy_scale"].value
 
 
-NAMES = {"u": ("u", "tip", "displacement"), "v": ("v", "velocity", "tip_velocity")}
-COLUMNS = (["t", "u"], ["t", "u", "v"])
+COLUMNS: dict[int | str, str] = {  # t, u or v by name, and by position where there are no names
+    **dict(enumerate("tuv")), **dict.fromkeys(TIMES, "t"), **dict.fromkeys(("u", "tip", "displacement"), "u"),
+    **dict.fromkeys(("v", "velocity", "tip_velocity"), "v"),
+}  # fmt: skip
 
 
 def read_trajectory(file: Path) -> tuple[Array, ...]:
@@ -576,8 +574,8 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
     names that is the order. Raises InputError for other names, and for less than four rows.
     """
     table = read_columns(file, "--trajectory")
-    names = ["tuv"[x] if isinstance(x, int) and x < 3 else _known(x) for x in table.columns]
-    if sorted(names) not in COLUMNS:
+    names = [COLUMNS.get(x if isinstance(x, int) else bare(x), str(x)) for x in table.columns]
+    if sorted(names) not in (["t", "u"], ["t", "u", "v"]):
         written = f"{file}: {' '.join(map(str, table.columns))!r}"
         raise InputError("--trajectory", written, "name t, u and perhaps v, each once", "write for example t,u,v")
     if len(table) < 4:
@@ -585,8 +583,3 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
         raise InputError("--trajectory", found, "hold at least 4 of them", remedy)
     time_of(file, "--trajectory", table)
     return tuple(table.iloc[:, names.index(name)].to_numpy(float) for name in "tuv" if name in names)
-
-
-def _known(name: object) -> str:
-    """t, u or v for one of its names, else the name itself."""
-    return "t" if bare(name) in TIMES else next((x for x, names in NAMES.items() if bare(name) in names), str(name))
