@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from systems import linear_part
 
 import stiffbeam as sb
-from stiffbeam.kernels.exact import NONE_PRESSED, Follower, Marks
+from stiffbeam.kernels.exact import Follower, Marks
 from stiffbeam.references.exact.motion import Motion, Solver
 from stiffbeam.references.exact.variation import Variation
 
@@ -25,7 +25,7 @@ def chain(n: int, k: float, ends: tuple[float, float] = (1.0, 1.0)) -> np.ndarra
 
 def by_series(system: sb.System) -> Solver:
     solver = Solver(system)
-    solver.made = solver.made._replace(pressed=NONE_PRESSED, free=solver.made.free.changed(kind=0))
+    solver.made = solver.made._replace(free=solver.made.free.changed(kind=0, up=None, low=None))
     return solver
 
 
@@ -133,6 +133,6 @@ def test_wrong_arrays_are_errors_of_python():
     with pytest.raises(TypeError, match="a kernel takes"):
         made.free.changed(rows=np.zeros((1, 2)))
     with pytest.raises(TypeError, match="a kernel takes"):
-        Follower(made.free, made.pressed, np.zeros(2), np.zeros(system.size))
+        Follower(made.free, np.zeros(2), np.zeros(system.size))
     with pytest.raises(TypeError, match="a kernel takes"):
         Marks(*motion.marks[:3], motion.marks.side.astype("i4")).argument(made.free)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError
-from ...kernels.exact import NONE_PRESSED, Free, Pressed
+from ...kernels.exact import Free
 from ...model.modes import modes, undamped_modes
 from ...model.system import System
 from ...model.time_functions import Drive, parts
@@ -30,10 +30,9 @@ EPS = float(np.finfo(float).eps)
 
 
 class FreeSystem(NamedTuple):
-    """The free system, that with its only contact pressed, and the modes X (n, n)."""
+    """The free system, and its modes X (n, n)."""
 
     free: Free
-    pressed: Pressed
     X: Array
     into: Array  # eta = q @ into
     cancelled: Array  # (B, n) of loads, in nodes: what their terms cancel of each other
@@ -85,7 +84,7 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
     if terms:
         sizes = np.sum([np.abs(drive.split(*term)[0]) for term in terms], axis=0)
         cancelled[1 : 1 + len(sizes)] = np.maximum(sizes - np.abs(basis_rows), 0.0)
-    return FreeSystem(free, pressed_system(free), X, np.ascontiguousarray(system.mass @ X), cancelled)
+    return FreeSystem(with_pressed(free), X, np.ascontiguousarray(system.mass @ X), cancelled)
 
 
 def closed_form(shared: dict[str, Any]) -> Free:
@@ -198,32 +197,28 @@ def pressed_modes(w2: Array, rows: Array, kappa: Array) -> tuple[Array, Array]:
     return w[::-1], np.ascontiguousarray(V[::-1])
 
 
-def pressed_system(free: Free) -> Pressed:
-    """The system with its only contact pressed, where that is a spring without a dashpot.
+def with_pressed(free: Free) -> Free:
+    """The free system and, where its only contact is a spring without a dashpot, that with this contact pressed.
 
     Few undamped modes are a series as fast, unless damping makes the series short.
     """
     n, m, damped = len(free.w2), len(free.rows), free.coupling > 0
     if m != 1 or n == 0 or (free.kind != 1 and not damped):
-        return NONE_PRESSED
+        return free
     (kappa, c, _), row, w2 = free.laws[0], free.rows[0], free.w2
     if not np.isfinite(kappa) or c != 0.0 or (n <= FEW and np.max(np.abs(free.drag)) <= 2.0 * np.sqrt(np.max(w2))):
-        return NONE_PRESSED
+        return free
     w, V = pressed_modes(w2, free.rows, free.laws[:, 0])
     D = V @ free.damping @ V.T if damped else np.zeros((n, n))
-    sides: list[Free | None] = []
-    for g in free.stops[0, ::-1]:
-        if not np.isfinite(g):
-            sides.append(None)
-            continue
-        loads = free.loads - kappa * np.outer(free.offsets[:, 0], row)
-        loads[1] += kappa * g * row
-        stated: dict[str, Any] = {
-            x: getattr(free, x) for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")
-        }
-        stated |= {"w2": w**2, "drag": np.diag(D).copy(), "damping": D, "coupling": 2 * int(damped)}
-        stated |= {"rows": np.ascontiguousarray(free.rows @ V.T), "loads": np.ascontiguousarray(loads @ V.T)}
-        sides.append(closed_form(stated))
-        if sides[-1].kind == 0:  # type: ignore[union-attr]
-            return NONE_PRESSED
-    return Pressed(sides[0], sides[1], V)
+    stated: dict[str, Any] = {
+        x: getattr(free, x) for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")
+    }
+    stated |= {"w2": w**2, "drag": np.diag(D).copy(), "damping": D, "coupling": 2 * int(damped)}
+    stated["rows"] = np.ascontiguousarray(free.rows @ V.T)
+    sides = dict[str, Free]()
+    for name, g in zip(("low", "up"), free.stops[0], strict=True):
+        if np.isfinite(g):
+            loads = free.loads - kappa * np.outer(free.offsets[:, 0], row)
+            loads[1] += kappa * g * row
+            sides[name] = closed_form(stated | {"loads": np.ascontiguousarray(loads @ V.T)})
+    return free.changed(V=V, **sides) if all(x.kind for x in sides.values()) else free

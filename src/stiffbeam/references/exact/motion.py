@@ -22,22 +22,12 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford, in_time
 from ...basics.validation import InputError
-from ...kernels.exact import (
-    NOT_FINITE,
-    STALLED,
-    TOGETHER,
-    Blows,
-    Follower,
-    Free,
-    Marks,
-    press,
-    read,
-)  # fmt: skip
+from ...kernels.exact import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
 from ...model.system import System
 from ...model.time_functions import Drive, evaluate, offset_rate, offset_values
 from ...trajectory.trajectory import SolverFailure
 from ..rigid_stops import on_stops, resting, shift_at_start
-from .free import FreeSystem, closed_form, free_system, pressed_system
+from .free import FreeSystem, closed_form, free_system, with_pressed
 
 EPS = float(np.finfo(float).eps)
 NO_TIMES = np.zeros(0)
@@ -122,12 +112,14 @@ class Solver:
             lost = size * np.max(np.abs(free.poles)) * rng.uniform(-1.0, 1.0, free.poles.shape)
             exponentials = np.arange(free.poles.shape[1]) < free.poles.shape[1] - len(free.waves)
             real = (free.poles[1] == 0.0) & (np.arange(2) > 0)[:, None]
-            copied = free.changed(**shared, poles=free.poles + np.where(exponentials & ~real, lost, 0.0))
+            copied = free.changed(
+                **shared, up=None, low=None, poles=free.poles + np.where(exponentials & ~real, lost, 0.0)
+            )
         else:
             shared["drag"] = off(free.drag)
             shared["damping"] = np.diag(shared["drag"]) if free.coupling < 2 else off(free.damping)
             copied = closed_form(shared)
-        twin.made = self.made._replace(free=copied, pressed=pressed_system(copied))
+        twin.made = self.made._replace(free=with_pressed(copied))
         return twin
 
     @property
@@ -174,7 +166,7 @@ class Solver:
         fresh: IntArray | None = None,
     ) -> Follower:  # fmt: skip
         eta, rate = (self.eta, self.rate) if start is None else self.made.start(*start)
-        return Follower(self.made.free, self.made.pressed, eta, rate, t, sides, fresh, self.together)
+        return Follower(self.made.free, eta, rate, t, sides, fresh, self.together)
 
     def trace(self, t: float, sides: IntArray, fresh: IntArray, start: tuple[Array, Array], t_end: float) -> Motion:
         """The motion on [t, t_end] from q, q' (n,) with the contacts on sides (m,); fresh: see ``fresh_after``."""
@@ -185,7 +177,7 @@ class Solver:
         decides that is not."""
         follower = self._follower(start, t)
         follower.follow(np.nextafter(t, np.inf), NO_TIMES)
-        return follower.whole["side"]
+        return follower.arrays["side"]
 
     def first_event(
         self, t: float, sides: IntArray | None, fresh: IntArray, start: Sequence[Array], t_end: float
@@ -209,21 +201,20 @@ class Solver:
                 rule = f"hold at most {MOST_IMPACTS} impacts"
                 raise InputError("t_end", t_end, rule, f"end before t = {t:.6g}, or take e < 1")
 
-        found = follower.follow(t_end, stations, check)
-        if found.result == STALLED:
-            raise SolverFailure("exact", found.t, "events follow each other without an advance of time", REMEDY)
-        if found.result == NOT_FINITE:
-            raise SolverFailure("exact", found.t, "the motion overflows float64", REMEDY)
+        result, marks, events, blows, passed = follower.follow(t_end, stations, check)
+        if result != DONE:
+            stalled = "events follow each other without an advance of time"
+            reason = stalled if result == STALLED else "the motion overflows float64"
+            raise SolverFailure("exact", follower.state.t, reason, REMEDY)
         # Segments begin at the start and behind every event. The last event may come with t_end: no mark is behind it.
-        marks, passed = found.marks, found.passed
-        first = np.unique(np.concatenate([[0], found.events[3]]))
+        first = np.unique(np.concatenate([[0], events[3]]))
         first = first[: np.searchsorted(first, len(marks.t))]
         seen = (stations, *passed) if len(passed[0]) == len(stations) else None
         times = marks.t[first]
         times[0] = begun
         return Motion(
-            self.system, self.made, times, marks.side[first], first, marks, found.evaluations, found.events,
-            found.blows, seen,
+            self.system, self.made, times, marks.side[first], first, marks, follower.state.evaluations, events, blows,
+            seen,
         )  # fmt: skip
 
 
@@ -247,7 +238,7 @@ class Motion:
     first_mark: IntArray
     marks: Marks
     evaluations: int
-    events: tuple[Array, IntArray, IntArray, IntArray]
+    events: Events
     blows: Blows
     seen: tuple[Array, ...] | None = None  # times and the states there
     last: list[Any] = field(default_factory=list)  # the same of the last times that were read
@@ -268,9 +259,9 @@ class Motion:
     @cached_property
     def fastest(self) -> float:
         """A bound of the angular frequencies of all undamped motions and of the drives."""
-        free, pressed = self.made.free, self.made.pressed
-        squares = [float(np.max(x.w2)) for x in (free, pressed.up, pressed.low) if x is not None]
-        if pressed.up is None and pressed.low is None:
+        free = self.made.free
+        squares = [float(np.max(x.w2)) for x in (free, free.up, free.low) if x is not None]
+        if free.V is None:
             stiff = np.any(np.abs(self.sides) == 1, axis=0) & np.isfinite(free.laws[:, 0])
             squares[0] += float(np.sum((free.laws[:, 0] * np.diag(free.meet))[stiff]))
         return max(math.sqrt(max(squares)), *self.drive.frequencies, 1e-300)
@@ -279,7 +270,7 @@ class Motion:
         """The segment that each time t (k,) lies in; an event belongs to the segment it begins."""
         return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
 
-    def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array, Array]:
+    def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> States:
         """eta, eta' (k, n) and reactions of held contacts (k, m) at times t (k,) as the given segments have them."""
         t = np.array(t, float)
         if piece is None:
@@ -287,7 +278,7 @@ class Motion:
                 if kept is not None and np.array_equal(kept[0], t):
                     return kept[1:]  # type: ignore[return-value]
         mark = self.mark_at(t, self.piece_at(t) if piece is None else piece)
-        found = read(self.made.free, self.made.pressed, self.marks, t, mark)
+        found = read(self.made.free, self.marks, t, mark)
         if piece is None:
             self.last[:] = [(t, *found)]
         return found
@@ -322,7 +313,7 @@ class Motion:
 
     def press(self, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact, in order."""
-        return press(self.made.free, self.made.pressed, self.marks, contact, starts, ends)
+        return press(self.made.free, self.marks, contact, starts, ends)
 
     def reactions(self, t: Array) -> Array:
         """Forces (k, m) of rigid stops on the positions of held contacts at any times."""
@@ -356,7 +347,7 @@ class Motion:
     def _powers(self, t: Array) -> Array:
         """Powers at times t (k,) of loads and moving stops, of the damping, and of the stops' dashpots, (3, k)."""
         free, piece = self.made.free, self.piece_at(t)
-        eta, rate, force = read(free, self.made.pressed, self.marks, t, self.mark_at(t, piece))
+        eta, rate, force = read(free, self.marks, t, self.mark_at(t, piece))
         given, stops = np.zeros(len(t)), np.zeros(len(t))
         for vector, function in self.system.loads:
             given += evaluate(function, t) * (rate @ (vector @ self.made.X))
