@@ -99,7 +99,7 @@ def record_of(solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end:
 
 def largest_momentum(solution: Motion, i: int) -> float:
     """The largest impulse that brings contact i to rest."""
-    free, rates = solution.made.free, [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
+    free, rates = solution.free, [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
     return max(float(np.max(np.abs(x @ free.rows[i]), initial=0.0)) for x in rates) / float(free.meet[i, i])
 
 
@@ -216,10 +216,10 @@ def audit(solution: Motion, t_end: float) -> None:
 def _answered(solution: Motion, t_end: float) -> None:
     """Raise SolverFailure where the closed form's answer to the loads is so much larger than the motion that this is
     its rounding; both in the norm of M."""
-    free = solution.made.free
+    free = solution.free
     lost = 4.0 * EPS * float(np.linalg.norm(free.answer))
     if solution.times[0] == 0.0 and lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
-        length = np.linalg.norm(solution.states(np.linspace(0.0, t_end, 33))[0] @ solution.made.into, axis=1)
+        length = np.linalg.norm(solution.states(np.linspace(0.0, t_end, 33))[0] @ free.into, axis=1)
         if lost > START * float(np.max(length)):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
 

@@ -120,7 +120,7 @@ def chatter_ends(solution: Motion) -> list[float]:
     """Times at which impacts on a rigid stop have accumulated: 2 v/(a (1 - e)) after the one behind which the contact
     is held, which would have left it with v under the acceleration a into the stop."""
     times, contacts, sides, marks = solution.events
-    meet, blows, ends = solution.made.free.meet, solution.blows, []
+    meet, blows, ends = solution.free.meet, solution.blows, []
     for t, i, side, mark in zip(times.tolist(), contacts.tolist(), sides.tolist(), marks.tolist(), strict=True):
         e = float(solution.system.contacts[i].stops.restitution or 0.0)
         if abs(side) != 1 or e == 0.0:

@@ -9,7 +9,7 @@ the modes have them.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -29,22 +29,13 @@ FEW = 50  # modes up to which a pressed spring is a series: as fast there, and m
 EPS = float(np.finfo(float).eps)
 
 
-class FreeSystem(NamedTuple):
-    """The free system, and its modes X (n, n)."""
+def free_system(system: System) -> Free:
+    """The free system of a System with linear contacts and time functions in closed form.
 
-    free: Free
-    X: Array
-    into: Array  # eta = q @ into
-    cancelled: Array  # (B, n) of loads, in nodes: what their terms cancel of each other
-
-    def start(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """eta, eta' of q, q' (..., n)."""
-        return q @ self.into, v @ self.into
-
-
-def free_system(system: System, drive: Drive) -> FreeSystem:
-    """The free system of a System with linear contacts and time functions in closed form."""
-    basis, m = undamped_modes(system), len(system.contacts)
+    Beside what the kernel takes it has the modes X (n, n), ``into`` (n, n) with eta = q @ into, and what the terms of
+    the loads cancel of each other, ``cancelled`` (B, n), in nodes.
+    """
+    basis, drive, m = undamped_modes(system), Drive.of(system), len(system.contacts)
     w2, X = basis.omega**2, basis.shapes
     n = len(w2)
     decoupled = modes(system)
@@ -77,14 +68,14 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
     if np.any(np.isfinite(shared["laws"][:, 0]) & ~(stiffness < 1e290)):
         rule, largest = "give modes that float64 can hold", float(np.max(shared["laws"][:, 0]))
         raise InputError("stops.stiffness", largest, rule, "use other units, or rigid stops with a restitution")
-    shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
-    free = closed_form(shared)
     terms = [([(a * p, f)], n) for p, whole in system.loads for a, f in parts(whole)]
     cancelled = np.zeros_like(loads)
     if terms:
         sizes = np.sum([np.abs(drive.split(*term)[0]) for term in terms], axis=0)
         cancelled[1 : 1 + len(sizes)] = np.maximum(sizes - np.abs(basis_rows), 0.0)
-    return FreeSystem(with_pressed(free), X, np.ascontiguousarray(system.mass @ X), cancelled)
+    shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
+    shared |= {"X": X, "into": np.ascontiguousarray(system.mass @ X), "cancelled": cancelled}
+    return with_pressed(closed_form(shared))
 
 
 def closed_form(shared: dict[str, Any]) -> Free:

@@ -245,13 +245,14 @@ class PreciseSolver:
         # Marks in order of time; those of one time in order of the pieces.
         times, piece = np.concatenate([begun, outputs]), np.concatenate([np.arange(len(pieces)), of])
         order = np.argsort(times, kind="stable")
-        states = self.solver.made.start(*np.split(np.array([*(x.state for x in pieces), *seen]), 2, axis=1))
+        whole = np.array([*(x.state for x in pieces), *seen])
+        states = [x @ self.solver.free.into for x in np.split(whole, 2, axis=1)]
         sides = np.array([x.sides for x in pieces], np.int64).reshape(len(pieces), m)[piece[order]]
         first = np.flatnonzero([True, *np.any(sides[1:] != sides[:-1], axis=1)])  # the marks of events
         times, (eta, rate) = times[order], (np.ascontiguousarray(x[order]) for x in states)
         at_outputs = outputs, *(x[len(pieces) :] for x in states), np.zeros((len(outputs), m))
         return Motion(
-            self.system, self.solver.made, times[first], sides[first], first, Marks(times, eta, rate, sides),
+            self.system, self.solver.free, times[first], sides[first], first, Marks(times, eta, rate, sides),
             len(pieces), NO_EVENTS, NO_BLOWS, at_outputs,
         )  # fmt: skip
 
