@@ -155,11 +155,15 @@ class Solver:
             held = rows[still]
             twin.rate = twin.rate - held.T @ np.linalg.solve(held @ held.T, held @ twin.rate)
 
-    def solve(self, t_end: float, start: tuple[Array, Array] | None = None, stations: Array = NO_TIMES) -> Motion:
-        """The motion on [0, t_end] from q, q' (n,), of the system by default. Raises SolverFailure where it cannot go
-        on; the states at ``stations`` (k,), increasing, are found on the way."""
-        require_short(self.free, t_end)
-        return self._followed(self._follower(start), t_end, stations)
+    def solve(
+        self, t_end: float, start: tuple[Array, Array] | None = None, stations: Array = NO_TIMES, t: float = 0.0,
+        sides: IntArray | None = None, fresh: IntArray | None = None,
+    ) -> Motion:  # fmt: skip
+        """The motion on [t, t_end] from q, q' (n,), of the system by default, with the contacts on ``sides`` (m,);
+        fresh: see ``fresh_after``. Raises SolverFailure where it cannot go on; the states at ``stations`` (k,),
+        increasing, are found on the way."""
+        require_short(self.free, t_end - t)
+        return self._followed(self._follower(start, t, sides, fresh), t_end, stations)
 
     def _follower(
         self, start: Sequence[Array] | None, t: float = 0.0, sides: IntArray | None = None,
@@ -167,10 +171,6 @@ class Solver:
     ) -> Follower:  # fmt: skip
         eta, rate = (self.eta, self.rate) if start is None else (x @ self.free.into for x in start)
         return Follower(self.free, eta, rate, t, sides, fresh, self.together)
-
-    def trace(self, t: float, sides: IntArray, fresh: IntArray, start: tuple[Array, Array], t_end: float) -> Motion:
-        """The motion on [t, t_end] from q, q' (n,) with the contacts on sides (m,); fresh: see ``fresh_after``."""
-        return self._followed(self._follower(start, t, sides, fresh), t_end, NO_TIMES)
 
     def sides_at(self, t: float, start: Sequence[Array]) -> IntArray:
         """The sides of contacts that a motion from this state begins with: of gaps that are zero the first derivative
@@ -182,7 +182,7 @@ class Solver:
     def first_event(
         self, t: float, sides: IntArray | None, fresh: IntArray, start: Sequence[Array], t_end: float
     ) -> tuple[float, int, int] | None:
-        """Time, contact and its new side of the first event of ``trace``, None for none. sides None: those ``sides_at``
+        """Time, contact and its new side of the first event of ``solve``, None for none. sides None: those ``sides_at``
         finds."""
         if not self.system.contacts:
             return None
