@@ -63,17 +63,15 @@ def on_stops(system: System) -> dict[int, int]:
     return closed
 
 
-def off_stop(system: System, contact: int, side: int) -> bool:
-    """Tell whether the start, as it is written, is not exactly on the stop of a contact."""
-    each = system.contacts[contact]
-    ratio, pi = exact_value(each.stops.upper if side > 0 else each.stops.lower)  # type: ignore[arg-type]
-    terms = zip(each.row.tolist(), system.q0.tolist(), strict=True)
-    # Exact fractions of the numbers as written. What has a factor pi or an offset counts as off the stop.
-    return pi or shift_at_start(each) != 0.0 or sum(Fraction(row) * Fraction(q) for row, q in terms) != ratio
-
-
 def resting(system: System) -> tuple[list[int], list[int]]:
     """Contacts that start on their stops as they are written, not but for rounding, and those of them at rest there."""
-    on = [i for i, side in on_stops(system).items() if not off_stop(system, i, side)]
+    on = []
+    for i, side in on_stops(system).items():
+        contact = system.contacts[i]
+        ratio, pi = exact_value(contact.stops.upper if side > 0 else contact.stops.lower)  # type: ignore[arg-type]
+        terms = zip(contact.row.tolist(), system.q0.tolist(), strict=True)
+        # Exact fractions of the numbers as written. What has a factor pi or an offset counts as off the stop.
+        if not pi and not shift_at_start(contact) and sum(Fraction(row) * Fraction(q) for row, q in terms) == ratio:
+            on.append(i)
     still = [i for i in on if system.contacts[i].offset is None and not np.any(system.contacts[i].row * system.v0)]
     return on, still

@@ -311,30 +311,23 @@ def _chord() -> Any:
     return Chord
 
 
-def jax_devices() -> list[Any]:
-    """The devices of JAX. Raises InputError where one does not start: a card without free memory, or one that
-    JAX_PLATFORMS names and that is not there."""
-    import jax
-
-    try:
-        return jax.local_devices()
-    except (RuntimeError, AssertionError) as error:  # JAX 0.10 asserts that some device has started
-        reason = str(error).partition(" (you may")[0] or "none"
-        raise InputError("JAX", reason, "start its devices", "set JAX_PLATFORMS=cpu in the environment") from None
-
-
 @contextmanager
 def float64_on_the_processor() -> Generator[None]:
     """A context in which JAX computes in float64 on the processor; outside it stays as it was.
 
     A step of a small stiff system is a chain of hundreds of short operations. Each of them costs a launch on a
-    graphics card, which JAX takes by default where there is one. Raises InputError where no device starts.
+    graphics card, which JAX takes by default where there is one. Raises InputError where no device starts: a card
+    without free memory, or one that JAX_PLATFORMS names and that is not there.
     """
     import jax
 
     # A switch of the whole process in older versions of JAX moved out of ``experimental``.
     home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
-    jax_devices()
+    try:
+        jax.local_devices()
+    except (RuntimeError, AssertionError) as error:  # JAX 0.10 asserts that some device has started
+        reason = str(error).partition(" (you may")[0] or "none"
+        raise InputError("JAX", reason, "start its devices", "set JAX_PLATFORMS=cpu in the environment") from None
     try:
         processor = jax.local_devices(backend="cpu")[0]
     except RuntimeError:  # JAX_PLATFORMS leaves the processor out

@@ -131,8 +131,13 @@ def exact_ledger(solution: Motion, times: Array) -> Ledger:
     where = np.searchsorted(edges, times)
     works, system = solution.work(edges), solution.system
     given, taken, stops = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in works)
-    moved, struck = impulsive_work(solution)
-    so_far = np.searchsorted(solution.blows.t, times, side="right")
+    # With u = row q + o a stop moves at -o', and the impulse P of a blow works on the mean of u' before and after.
+    blows, speeds = solution.blows, np.zeros(len(solution.blows.t))
+    for i in np.unique(blows.contact).tolist():
+        here = blows.contact == i
+        speeds[here] = offset_rate(system.contacts[i].offset, blows.t[here])
+    moved, struck = -blows.impulse * speeds, -0.5 * blows.impulse * (blows.before + blows.after)
+    so_far = np.searchsorted(blows.t, times, side="right")
     given, stops = (x + np.concatenate([[0.0], np.cumsum(y)])[so_far] for x, y in ((given, moved), (stops, struck)))
     energies = system.energies(times, *solution.states(times))
     # Between rigid stops with a blow at the start, which the motion has behind it.
@@ -140,19 +145,6 @@ def exact_ledger(solution: Motion, times: Array) -> Ledger:
     loss = system.energy(np.zeros(1), *start)[0] - sum(energies) + given - taken - stops
     none = np.zeros(len(times))
     return Ledger(times, *energies, given, taken, loss, none, loss, stops, none)
-
-
-def impulsive_work(solution: Motion) -> tuple[Array, Array]:
-    """Work that moving stops do, and energy that is lost, in every blow, (blows,) each.
-
-    With u = row q + o the stop moves at -o', and the impulse P works on the mean of u' before and after.
-    """
-    blows = solution.blows
-    speeds = np.zeros(len(blows.t))
-    for i in np.unique(blows.contact).tolist():
-        here = blows.contact == i
-        speeds[here] = offset_rate(solution.system.contacts[i].offset, blows.t[here])
-    return -blows.impulse * speeds, -0.5 * blows.impulse * (blows.before + blows.after)
 
 
 DUST = 1e-13  # of the largest momentum of a contact

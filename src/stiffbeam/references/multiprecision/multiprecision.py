@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import flint
@@ -40,7 +39,7 @@ from ..exact.motion import (
 from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
 from ..registry import Request, output_times
-from .linear_flow import LinearFlow, Split, split_of
+from .linear_flow import LinearFlow, Split
 from .rational import carried
 
 BITS = math.log2(10.0)
@@ -213,7 +212,7 @@ class PreciseSolver:
         key = tuple(pressed(sides).tolist())
         if key not in self.regimes:
             with carried(self.room):
-                self.regimes[key] = split_of(self.flow, key)
+                self.regimes[key] = Split(self.flow, key)
         split, share = self.regimes[key], min(1.0, begun / self.t_end)
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
         ctx.prec = max(self.guard, math.ceil(self.full - (self.full - self.guard) * share)) + 30
@@ -234,7 +233,12 @@ class PreciseSolver:
         form, split = self.flow.gap(contact, int(np.sign(side or before)), switched_by_force(before, side)), piece.split
         with carried(self.room):
             gap = (arb_mat([x.entries() for x in (form, form * split.G)]) * split.V).mid()
-        tau, shift, y = _locate(partial(_at, piece, gap), start - begun, fastest, 2.0 * np.pi / turning, begun)
+
+        def gap_at(tau: Any) -> tuple[Any, Any, Any]:
+            y = split.ahead(piece.y, tau)
+            return *(gap * y).mid().entries(), y  # type: ignore[return-value]
+
+        tau, shift, y = _locate(gap_at, start - begun, fastest, 2.0 * np.pi / turning, begun)
         return (piece.t + tau + shift).mid(), shift, y
 
     def motion(self, pieces: list[Piece], outputs: Array) -> Motion:
@@ -255,12 +259,6 @@ class PreciseSolver:
             self.system, self.solver.free, times[first], sides[first], first, Marks(times, eta, rate, sides),
             len(pieces), NO_EVENTS, NO_BLOWS, at_outputs,
         )  # fmt: skip
-
-
-def _at(piece: Piece, gap: Any, tau: Any) -> tuple[Any, Any, Any]:
-    """A gap and its rate at tau after the start of a piece, and y there."""
-    y = piece.split.ahead(piece.y, tau)
-    return *(gap * y).mid().entries(), y  # type: ignore[return-value]
 
 
 def _locate(
