@@ -32,15 +32,6 @@ def function_address(name: str) -> int:
     return ctypes.cast(getattr(library(), name), ctypes.c_void_p).value or 0
 
 
-class Rows:
-    """A matrix by the entries of its rows that are not zero."""
-
-    def __init__(self, matrix: Array) -> None:
-        sparse = scipy.sparse.csr_array(matrix)
-        self.starts, self.columns = sparse.indptr.astype(np.int64), sparse.indices.astype(np.int64)
-        self.entries = sparse.data.astype(float)
-
-
 class Equations(SimpleNamespace):
     """Numbers of E y' = A y + loads + contact forces, for C, and with them for Python: arrays as rhs.h states them.
 
@@ -62,12 +53,6 @@ class Equations(SimpleNamespace):
         self.given = np.zeros((3, called))
 
     @cached_property
-    def rows(self) -> tuple[Rows, Rows, Rows]:
-        """A, D and E by their entries."""
-        nothing = np.zeros((0, 0))
-        return Rows(self.matrix), Rows(self.damping), Rows(nothing if self.inertia is None else self.inertia)
-
-    @cached_property
     def _structure(self) -> Any:
         # Entry (i, j) of a Jacobian at first + i + j stride: the storage of SUNDIALS.
         first, stride = 0, self.size
@@ -75,12 +60,16 @@ class Equations(SimpleNamespace):
             lower, upper = self.bandwidths
             first = min(self.size - 1, lower + upper)  # upper bandwidth of the factors
             stride = first + lower
-        arrays = dict(vars(self), edge=self.edges)
-        for name, rows in zip("ADE", self.rows, strict=True):
-            arrays |= {f"{name}_{x}": array for x, array in vars(rows).items()}
+        self.edge = self.edges
+        inertia = np.zeros((0, 0)) if self.inertia is None else self.inertia
+        for name, matrix in (("A", self.matrix), ("D", self.damping), ("E", inertia)):
+            sparse = scipy.sparse.csr_array(matrix)
+            rows = {"starts": sparse.indptr, "columns": sparse.indices}
+            vars(self).update((f"{name}_{x}", array.astype(np.int64)) for x, array in rows.items())
+            vars(self)[f"{name}_entries"] = sparse.data.astype(float)
         return _Equations(
-            arrays, size=self.size, damped=self.damped, viscous=len(arrays["D_entries"]) > 0,
-            inertia=len(arrays["E_entries"]) > 0, first=first, stride=stride,
+            vars(self), size=self.size, damped=self.damped, viscous=len(self.D_entries) > 0,
+            inertia=len(self.E_entries) > 0, first=first, stride=stride,
             d=1 + 2 * len(self.frequencies) + self.records.shape[1] + self.called,
         )  # fmt: skip
 

@@ -16,7 +16,7 @@ from ...model.right_hand_side import RightHandSide
 from ...model.time_functions import in_closed_form
 from ...trajectory.records import ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work
-from ..registry import REFERENCES, Request, output_times, provenance_of
+from ..registry import Request, output_times, provenance_of
 from .intervals import smooth_intervals
 from .restarts import Outcome, Path, Phase, Scales, Span, scales_of
 
@@ -80,7 +80,7 @@ def reference_from(
             for i in range(len(system.contacts))
         ),
         work=Work(steps=0, seconds=clock() - begun, march_seconds=result.seconds, counters=result.counters),
-        provenance=provenance_of(system, method, t_end, notes) | REFERENCES[method].versions(),
+        provenance=provenance_of(system, method, t_end, notes),
         system=system,
         evaluate=evaluate,
         state_at=state_at,

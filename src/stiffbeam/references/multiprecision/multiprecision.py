@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import flint
 import numpy as np
 from flint import arb, arb_mat, ctx
 
@@ -84,7 +83,6 @@ def solve(request: Request) -> Reference:
         notes: dict[str, Any] = {
             "digits": wanted,
             "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
-            "python-flint": flint.__version__,
         }
         solution = carry(system, t_end, wanted, guard, output_times(t_eval, t_end))
         run = reference_of(solution, t_end, t_eval, begun, "multiprecision", notes)
