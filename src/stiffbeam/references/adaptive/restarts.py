@@ -189,7 +189,7 @@ class Path:
         # In every smooth interval, phases from event to event.
         for interval in intervals:
             now, stored = interval.start, rhs.stored(interval.start, z)
-            rhs.window = (interval.first, interval.last)
+            rhs.window = (interval.first, interval.end)
             if interval is intervals[0]:
                 switched = np.flatnonzero(self._closed_at_start(z, interval)).tolist()
             else:

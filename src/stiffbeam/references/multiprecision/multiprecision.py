@@ -77,29 +77,26 @@ def solve(request: Request) -> Reference:
     # Solve with more and more digits until two runs agree.
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
     previous: Reference | None = None
-    while True:
-        if wanted > MAX_DIGITS:
-            raise SolverFailure("multiprecision", t_end, f"{wanted} digits are not enough", "shorten t_end")
-        notes: dict[str, Any] = {
-            "digits": wanted,
-            "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
-        }
+    while wanted <= MAX_DIGITS:
+        exact = "; ".join(system.exact_parameters) or "none"
+        notes: dict[str, Any] = {"digits": wanted, "parameters": f"doubles; exact: {exact}"}
         solution = carry(system, t_end, wanted, guard, output_times(t_eval, t_end))
         run = reference_of(solution, t_end, t_eval, begun, "multiprecision", notes)
         if previous is not None:
-            horizon = _agreement(previous, run)
+            horizon, before = _agreement(previous, run), previous.provenance["digits"]
             # A fixed number of digits is confirmed once: the horizon tells how far it is good.
             if horizon >= t_end or digits != "auto":
                 notes = {
-                    "digits_confirmed_with": previous.provenance["digits"],
+                    "digits_confirmed_with": before,
                     "horizon": horizon,
-                    "horizon_against": f"itself with {previous.provenance['digits']} digits",
+                    "horizon_against": f"itself with {before} digits",
                     "horizon_tolerance": f"|du| <= {AGREEMENT:g} max|u| at the output times, the same events",
                 }
                 return replace(run, horizon=horizon, provenance=run.provenance | notes)
         previous = run
         # The guard grows too: other outputs then reveal cancellation that it did not cover.
         wanted, guard = math.ceil(1.25 * wanted) + 15, math.ceil(1.25 * guard) + 50
+    raise SolverFailure("multiprecision", t_end, f"{wanted} digits are not enough", "shorten t_end")
 
 
 def carry(system: System, t_end: float, digits: int, guard: int = GUARD_BITS, outputs: Array = NO_TIMES) -> Motion:
