@@ -163,7 +163,32 @@ class Solver:
         fresh: see ``fresh_after``. Raises SolverFailure where it cannot go on; the states at ``stations`` (k,),
         increasing, are found on the way."""
         require_short(self.free, t_end - t)
-        return self._followed(self._follower(start, t, sides, fresh), t_end, stations)
+
+        def check(reached: float, marks: int, events: int) -> None:
+            in_time(reached)
+            floats = 2.0 * marks * (self.system.size + 1)
+            if floats > 2**22:  # a small part tells nothing of the whole
+                afford("t_end", t_end, "shorten t_end", floats=floats / max((reached - t) / (t_end - t), 1e-12))
+            if self.system.rigid and events > MOST_IMPACTS:
+                rule = f"hold at most {MOST_IMPACTS} impacts"
+                raise InputError("t_end", t_end, rule, f"end before t = {reached:.6g}, or take e < 1")
+
+        follower = self._follower(start, t, sides, fresh)
+        result, marks, events, blows, passed = follower.follow(t_end, stations, check)
+        if result != DONE:
+            stalled = "events follow each other without an advance of time"
+            reason = stalled if result == STALLED else "the motion overflows float64"
+            raise SolverFailure("exact", follower.state.t, reason, REMEDY)
+        # Segments begin at the start and behind every event. The last event may come with t_end: no mark is behind it.
+        first = np.unique(np.concatenate([[0], events[3]]))
+        first = first[: np.searchsorted(first, len(marks.t))]
+        seen = (stations, *passed) if len(passed[0]) == len(stations) else None
+        times = marks.t[first]
+        times[0] = t
+        return Motion(
+            self.system, self.free, times, marks.side[first], first, marks, follower.state.evaluations, events, blows,
+            seen,
+        )  # fmt: skip
 
     def _follower(
         self, start: Sequence[Array] | None, t: float = 0.0, sides: IntArray | None = None,
@@ -188,34 +213,6 @@ class Solver:
             return None
         require_short(self.free, t_end - t)
         return self._follower(start, t, sides, None if sides is None else fresh).first_event(t_end)
-
-    def _followed(self, follower: Follower, t_end: float, stations: Array) -> Motion:
-        begun = float(follower.state.t)
-
-        def check(t: float, marks: int, events: int) -> None:
-            in_time(t)
-            floats = 2.0 * marks * (self.system.size + 1)
-            if floats > 2**22:  # a small part tells nothing of the whole
-                afford("t_end", t_end, "shorten t_end", floats=floats / max((t - begun) / (t_end - begun), 1e-12))
-            if self.system.rigid and events > MOST_IMPACTS:
-                rule = f"hold at most {MOST_IMPACTS} impacts"
-                raise InputError("t_end", t_end, rule, f"end before t = {t:.6g}, or take e < 1")
-
-        result, marks, events, blows, passed = follower.follow(t_end, stations, check)
-        if result != DONE:
-            stalled = "events follow each other without an advance of time"
-            reason = stalled if result == STALLED else "the motion overflows float64"
-            raise SolverFailure("exact", follower.state.t, reason, REMEDY)
-        # Segments begin at the start and behind every event. The last event may come with t_end: no mark is behind it.
-        first = np.unique(np.concatenate([[0], events[3]]))
-        first = first[: np.searchsorted(first, len(marks.t))]
-        seen = (stations, *passed) if len(passed[0]) == len(stations) else None
-        times = marks.t[first]
-        times[0] = begun
-        return Motion(
-            self.system, self.free, times, marks.side[first], first, marks, follower.state.evaluations, events, blows,
-            seen,
-        )  # fmt: skip
 
 
 _NONE, _WHOLE = np.zeros(0), np.zeros(0, np.int64)
