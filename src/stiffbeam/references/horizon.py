@@ -161,10 +161,10 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
 
 
 def copies_agree_until(
-    system: System, motion: Motion, t: Array, tolerance: float, scales: list[float], horizon: float, show: Show = silent
+    motion: Motion, t: Array, tolerance: float, scales: list[float], horizon: float, show: Show = silent
 ) -> float:
     """The time, ``horizon`` at most, to which COPIES of the problem agree with its motion at the times t (k,)."""
-    solver = Solver(system)
+    solver = Solver(motion.system)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
         copy = solver.perturbed(PERTURBATION, seed)
@@ -175,7 +175,7 @@ def copies_agree_until(
             horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
             part, other = _copied(copy, t, float(np.nextafter(horizon, 0.0)))
         # Of a chatter either may count more impacts.
-        agreed = agree_until(_watched_motion(motion, part), other, tolerance, scales, PART, system.rigid)
+        agreed = agree_until(_watched_motion(motion, part), other, tolerance, scales, PART, motion.system.rigid)
         horizon = min(horizon, agreed)
     return horizon
 
@@ -187,9 +187,7 @@ def _copied(copy: Solver, t: Array, until: float) -> tuple[Array, Watched]:
         return part, _watched_motion(copy.solve(float(part[-1]), stations=part), part)
 
 
-def exact_horizon(
-    reference: Reference, system: System, t_end: float, tolerance: float, show: Show = silent
-) -> tuple[float, dict[str, Any]]:
+def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Show) -> tuple[float, dict[str, Any]]:
     """Horizon of the exact float64 solution, and the evidence for it, for the provenance.
 
     It is the time to which COPIES of the problem, whose numbers are all off by PERTURBATION at most, agree with the
@@ -197,6 +195,7 @@ def exact_horizon(
     would hold back: the horizon ends where that reaches the tolerance. Raises SolverFailure where it ends at once.
     """
     motion, t, scales = reference.solution, reference.t, scales_of(reference)
+    system: System = motion.system
     if system.rigid:
         # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
         _, kept = withheld(motion, t_end)
@@ -206,11 +205,11 @@ def exact_horizon(
     if t[0] > 0.0:
         t = np.append(np.linspace(0.0, t[0], OUTPUTS, endpoint=False), t)
     most = min(t_end, _of_free_modes(system))
-    horizon = copies_agree_until(system, motion, t, tolerance, scales, most, show)
+    horizon = copies_agree_until(motion, t, tolerance, scales, most, show)
     # Some copy differs at the first output after the start already: look at earlier times.
     if horizon == 0.0:
         times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
-        horizon = min(most, copies_agree_until(system, motion, times, tolerance, scales_of(reference), t_end))
+        horizon = min(most, copies_agree_until(motion, times, tolerance, scales_of(reference), t_end))
         if horizon <= times[1] and not system.rigid:
             reason = "rounding is as large as the outputs from the start"
             raise SolverFailure("exact", 0.0, reason, "use multiprecision")
@@ -241,7 +240,7 @@ def _of_free_modes(system: System) -> float:
 
 
 def with_horizon(
-    reference: Reference, request: Request, solve: Callable[[Request], Reference], show: Show = silent
+    reference: Reference, request: Request, solve: Callable[[Request], Reference], show: Show
 ) -> Reference:
     """``reference``, the solution of ``request``, with its horizon; the provenance names the solution that it was
     compared with.
@@ -257,7 +256,7 @@ def with_horizon(
     tolerance = time_tolerance(system, t_end)
     notes: dict[str, Any] = {}
     if request.method == "exact":
-        horizon, notes = exact_horizon(reference, system, t_end, tolerance, show)
+        horizon, notes = exact_horizon(reference, t_end, tolerance, show)
     else:
         show(f"{request.method}: a second solution for its horizon", 1, 2)
         # The exact solution is the better judge where it exists.

@@ -122,7 +122,7 @@ class Variation:
     def __init__(self, system: System, columns: Sequence[SystemData] = ()) -> None:
         self.system, self.free = system, free_system(system)
         self.X, self.into = self.free.X, self.free.into
-        self.n, self.m, self.P = system.size, len(system.contacts), len(columns)
+        self.n, self.P = system.size, len(columns)
         data, exact = self._in_modes(data_of(system)), {"mass": np.eye(self.n), "rows": self.free.rows}
         exact |= {"stiffness": np.diag(self.free.w2), "damping": self.free.damping}
         self.data = SystemData(**(vars(data) | exact))
