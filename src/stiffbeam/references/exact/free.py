@@ -39,12 +39,7 @@ def free_system(system: System) -> Free:
     w2, X = basis.omega**2, basis.shapes
     n = len(w2)
     decoupled = modes(system)
-    if decoupled is not None:
-        coupling = int(bool(np.any(decoupled.damping)))
-        drag, D = decoupled.damping.copy(), np.diag(decoupled.damping)
-    else:
-        D = X.T @ system.damping @ X
-        coupling, drag = 2, np.diag(D).copy()
+    D = X.T @ system.damping @ X if decoupled is None else np.diag(decoupled.damping)
     # Loads and offsets as rows of sin and cos of every frequency, constants as the frequency 0, and of the records.
     basis_rows, rest = drive.split(system.loads, n)
     shifts, shift_rest = drive.offsets(system)
@@ -60,7 +55,7 @@ def free_system(system: System) -> Free:
         for c in system.contacts
     ]
     shared: dict[str, Any] = {
-        "w2": w2, "drag": drag, "damping": D, "coupling": coupling, "rows": rows, "stops": stops,
+        "w2": w2, "damping": D, "rows": rows, "stops": stops,
         "laws": np.array(law, float).reshape(m, 3), "meet": rows @ rows.T, "loads": loads, "offsets": offsets,
         "waves": waves, "edges": np.ascontiguousarray(drive.edges), "pieces": pieces,
     }  # fmt: skip
@@ -80,13 +75,14 @@ def free_system(system: System) -> Free:
 
 def closed_form(shared: dict[str, Any]) -> Free:
     """The free system with the closed forms of its modes."""
-    w2, d, waves, coupling = (shared[x] for x in ("w2", "drag", "waves", "coupling"))
+    w2, waves, d = shared["w2"], shared["waves"], np.diag(shared["damping"])
+    coupled = np.any(shared["damping"] - np.diag(d))
     n, F, more = len(w2), len(waves), dict[str, Array]()
     kind, answer, apart, s = 0, np.zeros((2 * F, n)), np.zeros(n, np.int64), 1j * np.sqrt(w2)
-    if coupling < 2 and not np.any((d * d > (4.0 + CRITICAL) * w2) & (w2 > 0.0)):
+    if not coupled and not np.any((d * d > (4.0 + CRITICAL) * w2) & (w2 > 0.0)):
         kind, s = 1, -0.5 * d + 1j * np.sqrt(np.maximum(w2 - 0.25 * d * d, 0.0))
         answer, apart = particular(w2, d, waves, shared["loads"])
-    elif found := complex_modes(shared) if coupling == 2 else overdamped_modes(shared):
+    elif found := complex_modes(shared) if coupled else overdamped_modes(shared):
         s, out, back, answer = found
         seen = np.ascontiguousarray(np.stack([shared["rows"] @ out[0], shared["rows"] @ out[1]]))
         kind, more = 2, {"out": out, "back": back, "seen": seen}
@@ -121,7 +117,7 @@ def particular(w2: Array, d: Array, waves: Array, loads: Array) -> tuple[Array, 
 
 def overdamped_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | None:
     """As ``complex_modes``, of decoupled modes: two real poles of one that is overdamped, to rounding."""
-    w2, d, waves, loads = (shared[x] for x in ("w2", "drag", "waves", "loads"))
+    w2, d, waves, loads = shared["w2"], np.diag(shared["damping"]), shared["waves"], shared["loads"]
     n, sigma, square = len(w2), -0.5 * d, w2 - 0.25 * d * d
     answer, apart = particular(w2, d, waves, loads)
     if np.any(apart) or np.any(w2 == 0.0):
@@ -204,8 +200,7 @@ def with_pressed(free: Free) -> Free:
     stated: dict[str, Any] = {
         x: getattr(free, x) for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")
     }
-    stated |= {"w2": w**2, "drag": np.diag(D).copy(), "damping": D, "coupling": 2 * int(damped)}
-    stated["rows"] = np.ascontiguousarray(free.rows @ V.T)
+    stated |= {"w2": w**2, "damping": D, "rows": np.ascontiguousarray(free.rows @ V.T)}
     sides = dict[str, Free]()
     for name, g in zip(("low", "up"), free.stops[0], strict=True):
         if np.isfinite(g):

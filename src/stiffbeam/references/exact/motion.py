@@ -93,7 +93,7 @@ class Solver:
         def off(x: Array) -> Array:
             return x * (1.0 + size * rng.uniform(-1.0, 1.0, x.shape))
 
-        kept = "coupling waves edges damping drag meet offsets X into cancelled"
+        kept = "waves edges damping meet offsets X into cancelled"
         shared = {x: getattr(free, x) for x in kept.split()}
         shared |= {x: off(getattr(free, x)) for x in ("w2", "loads", "rows", "stops", "laws", "pieces")}
         lost = size * rng.uniform(-1.0, 1.0, free.cancelled.shape) * free.cancelled
@@ -116,8 +116,8 @@ class Solver:
                 **shared, up=None, low=None, poles=free.poles + np.where(exponentials & ~real, lost, 0.0)
             )
         else:
-            shared["drag"] = off(free.drag)
-            shared["damping"] = np.diag(shared["drag"]) if free.coupling < 2 else off(free.damping)
+            drag = off(free.drag)
+            shared["damping"] = np.diag(drag) if free.coupling < 2 else off(free.damping)
             copied = closed_form(shared)
         twin.free = with_pressed(copied)
         return twin
