@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -21,12 +22,12 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford, in_time
-from ...basics.validation import InputError
+from ...basics.validation import InputError, exact_value
 from ...kernels.exact import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
+from ...model.contact import Contact
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate, offset_values
 from ...trajectory.trajectory import SolverFailure
-from ..rigid_stops import on_stops, resting, shift_at_start
 from .free import closed_form, free_system, with_pressed
 
 EPS = float(np.finfo(float).eps)
@@ -67,6 +68,46 @@ def require_short(free: Free, length: float) -> None:
         if length * fast > MOST_RADIANS:
             reason = f"decay rates of {fast:.2g} leave no closed form, and are too many radians for series"
             raise SolverFailure("exact", 0.0, reason, "use the solver cvode")
+
+
+LEFT = 1e-12  # of the distance between a rigid stop and a start, relative: the start is on the stop
+
+
+def shift_at_start(contact: Contact) -> float:
+    """The offset at t = 0."""
+    return float(offset_values(contact.offset, np.zeros(1))[0])
+
+
+def on_stops(system: System) -> dict[int, int]:
+    """The contacts on their rigid stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
+    closed = {}
+    for contact, each in enumerate(system.contacts):
+        moved = shift_at_start(each)
+        u = float(each.row @ system.q0) + moved
+        # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
+        whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))
+        for side, g in each.stops.sides:
+            # Within rounding of its stop a contact is on it, neither off nor beyond.
+            if side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
+                if side * (u - g) > LEFT * max(abs(g), abs(moved), whole):
+                    remedy = "move the stop or the start"
+                    raise InputError("initial displacement", u, "lie between rigid stops", remedy)
+                closed[contact] = side
+    return closed
+
+
+def resting(system: System) -> tuple[list[int], list[int]]:
+    """Contacts that start on their stops as they are written, not but for rounding, and those of them at rest there."""
+    on = []
+    for i, side in on_stops(system).items():
+        contact = system.contacts[i]
+        ratio, pi = exact_value(contact.stops.upper if side > 0 else contact.stops.lower)  # type: ignore[arg-type]
+        terms = zip(contact.row.tolist(), system.q0.tolist(), strict=True)
+        # Exact fractions of the numbers as written. What has a factor pi or an offset counts as off the stop.
+        if not pi and not shift_at_start(contact) and sum(Fraction(row) * Fraction(q) for row, q in terms) == ratio:
+            on.append(i)
+    still = [i for i in on if system.contacts[i].offset is None and not np.any(system.contacts[i].row * system.v0)]
+    return on, still
 
 
 class Solver:
