@@ -177,7 +177,13 @@ class Path:
     """
 
     def __init__(self, method: str, rhs: RightHandSide, scales: Scales, run: Callable[[Phase], Outcome]) -> None:
-        self.method, self.rhs, self.run, self.rounding = method, rhs, run, _rounding(rhs, scales)
+        self.method, self.rhs, self.run = method, rhs, run
+        # What event functions are good to: a gap is a difference of numbers as large as the motion and the stop, and
+        # below some roundings of these its sign means nothing. The rates of forces, each in units of its own, have 0.
+        stops = [max(abs(g) for _, g in rhs.system.contacts[i].stops.sides) for i, _ in rhs.sides]
+        contacts = [i for i, _ in rhs.sides]
+        extents = np.concatenate([scales.lengths[contacts] + stops, scales.speeds[contacts]])
+        self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, rhs.roots - len(extents)))
         self.states, self.spans = list[Array](), [list[Span]() for _ in rhs.sides]
         self.counters = {"restarts": -1}
         rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH
@@ -318,15 +324,3 @@ def refuse_endless(method: str, t: float, evaluations: int) -> None:
     if evaluations > MOST_EVALUATIONS:
         reason = f"{evaluations} evaluations of the right-hand side, more than {MOST_EVALUATIONS}"
         raise SolverFailure(method, t, reason, "loosen rtol, shorten t_end or take the exact solution")
-
-
-def _rounding(rhs: RightHandSide, scales: Scales) -> Array:
-    """What event functions (roots,) are good to: a gap is a difference of numbers as large as the motion and the stop,
-    and below some roundings of these its sign means nothing. The rates of forces, each in units of its own, have 0."""
-    extents = []
-    for i, _ in rhs.sides:
-        stops = rhs.system.contacts[i].stops
-        extents.append(float(scales.lengths[i]) + max(abs(g) for _, g in stops.sides))
-    extents += [float(scales.speeds[i]) for i, _ in rhs.sides]
-    extents += [0.0] * (rhs.roots - len(extents))
-    return 16.0 * np.finfo(float).eps * np.array(extents)

@@ -276,8 +276,8 @@ class Motion:
     first_mark: IntArray
     marks: Marks
     evaluations: int
-    events: Events
-    blows: Blows
+    events: Events = NO_EVENTS
+    blows: Blows = NO_BLOWS
     seen: tuple[Array, ...] | None = None  # times and the states there
     last: list[Any] = field(default_factory=list)  # the same of the last times that were read
 

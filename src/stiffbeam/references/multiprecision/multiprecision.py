@@ -22,19 +22,10 @@ from ...basics.resources import afford, clock, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import Marks
 from ...model.system import System
-from ...model.time_functions import Drive, Sampled, parts_of
+from ...model.time_functions import Sampled, parts_of
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.motion import (
-    NO_BLOWS,
-    NO_EVENTS,
-    NO_TIMES,
-    Motion,
-    Solver,
-    fresh_after,
-    pressed,
-    switched_by_force,
-)
+from ..exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, switched_by_force
 from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
 from ..registry import Request, output_times
@@ -167,7 +158,7 @@ class PreciseSolver:
 
     def __init__(self, system: System, t_end: float, full: int, guard: int) -> None:
         self.system, self.t_end, self.full, self.guard = system, t_end, full, guard
-        self.room, self.drive, self.solver, self.flow = ctx.prec, Drive.of(system), Solver(system), LinearFlow(system)
+        self.room, self.solver, self.flow = ctx.prec, Solver(system), LinearFlow(system)
         self.regimes: dict[tuple[int, ...], Split] = {}
 
     def follow(self) -> list[Piece]:
@@ -223,7 +214,7 @@ class PreciseSolver:
         rates: Any = np.array([x for split in self.regimes.values() for block in split.blocks for x in block.values])
         begun = float(piece.t)
         fastest = max(1.0 / self.t_end, float(np.max(np.abs(rates))))
-        turning = max(1.0 / self.t_end, *self.drive.frequencies, float(np.max(np.abs(rates.imag))))
+        turning = max(1.0 / self.t_end, *self.flow.drive.frequencies, float(np.max(np.abs(rates.imag))))
         before = piece.sides[contact]
         form, split = self.flow.gap(contact, int(np.sign(side or before)), switched_by_force(before, side)), piece.split
         with carried(self.room):
@@ -252,7 +243,7 @@ class PreciseSolver:
         at_outputs = outputs, *(x[len(pieces) :] for x in states), np.zeros((len(outputs), m))
         return Motion(
             self.system, self.solver.free, times[first], sides[first], first, Marks(times, eta, rate, sides),
-            len(pieces), NO_EVENTS, NO_BLOWS, at_outputs,
+            len(pieces), seen=at_outputs,
         )  # fmt: skip
 
 
