@@ -70,7 +70,7 @@ class Free(SimpleNamespace):
             vars(self), coupling=self.coupling, kind=self.kind, damped=bool(self.poles[0].any()), longest=self.longest,
             F=F, N=N, T=N + F, B=2 * F + self.pieces.shape[1], waves2=2 * F, states=2 * n,
         )  # fmt: skip
-        self.flown = whole, up and up.flown[0], low and low.flown[0], address(V, (n, n), wanted=V is not None)
+        self.flown = whole, up and up.flown[0], low and low.flown[0], None if V is None else address(V, (n, n))
 
     def changed(self, **values: Any) -> Free:
         """A copy with other values."""

@@ -87,13 +87,11 @@ class Structure:
         return self.type(*[known.get(name, 0) for name in self.names], *at)
 
 
-def address(x: Any, shape: tuple[int, ...], dtype: Any = FLOAT, wanted: Any = True) -> int | None:
-    """Address of an array of this type and shape, row by row; None, C's NULL, where it is not wanted.
+def address(x: Any, shape: tuple[int, ...], dtype: Any = FLOAT) -> int:
+    """Address of an array of this type and shape, row by row.
 
     Raises TypeError for any other array. The caller keeps the array as long as the address is used.
     """
-    if not wanted:
-        return None
     if not isinstance(x, np.ndarray) or x.dtype != dtype or x.shape != shape or not (flags := x.flags).c_contiguous:
         given = f"{getattr(x, 'dtype', type(x).__name__)} {getattr(x, 'shape', '')}"
         raise TypeError(f"a kernel takes a {dtype} array of shape {shape}, row by row, not {given}")

@@ -233,5 +233,5 @@ def contact_forces(u: Array, v: Array, law: Array, energy: Array | None = None) 
     law = law if law.shape == (*shape, LAW) else np.broadcast_to(law, (*shape, LAW))
     u, v, law, F = *(np.asarray(x, float, order="C") for x in (u, v, law)), np.empty(shape)
     at = address(u, shape), address(v, shape), address(law, (*shape, LAW)), address(F, shape)
-    library().contact_forces(F.size, *at, address(energy, shape, wanted=energy is not None))
+    library().contact_forces(F.size, *at, None if energy is None else address(energy, shape))
     return F

@@ -77,7 +77,7 @@ def closed_form(shared: dict[str, Any]) -> Free:
     """The free system with the closed forms of its modes."""
     w2, waves, d = shared["w2"], shared["waves"], np.diag(shared["damping"])
     coupled = np.any(shared["damping"] - np.diag(d))
-    n, F, more = len(w2), len(waves), dict[str, Array]()
+    n, F = len(w2), len(waves)
     kind, answer, apart, s = 0, np.zeros((2 * F, n)), np.zeros(n, np.int64), 1j * np.sqrt(w2)
     if not coupled and not np.any((d * d > (4.0 + CRITICAL) * w2) & (w2 > 0.0)):
         kind, s = 1, -0.5 * d + 1j * np.sqrt(np.maximum(w2 - 0.25 * d * d, 0.0))
@@ -85,14 +85,14 @@ def closed_form(shared: dict[str, Any]) -> Free:
     elif found := complex_modes(shared) if coupled else overdamped_modes(shared):
         s, out, back, answer = found
         seen = np.ascontiguousarray(np.stack([shared["rows"] @ out[0], shared["rows"] @ out[1]]))
-        kind, more = 2, {"out": out, "back": back, "seen": seen}
+        kind, shared = 2, shared | {"out": out, "back": back, "seen": seen}
     poles = np.array([np.append(s.real, np.zeros(F)), np.append(s.imag, waves)])
     # The length of flights that the modes ``apart`` allow.
     rates, some = 0.5 * np.abs(d) + np.sqrt(0.25 * d * d + w2), apart > 0
     fastest = max(np.max(rates[some]), np.max(waves, initial=0.0)) if np.any(some) else 0.0
     order = np.argsort(np.hypot(*poles), kind="stable")
     return Free(
-        **shared, **more, kind=kind, poles=poles, order=order, answer=answer, apart=apart,
+        **shared, kind=kind, poles=poles, order=order, answer=answer, apart=apart,
         longest=1.0 / fastest if fastest else math.inf,
     )  # fmt: skip
 
