@@ -57,7 +57,6 @@ class Free(SimpleNamespace):
         self.stated = dict(vars(self))
         n, F, p = len(self.w2), len(self.waves), self.poles[:, self.order]
         self.drag = np.diag(self.damping).copy()
-        self.coupling = 2 if np.any(self.damping - np.diag(self.drag)) else int(np.any(self.drag))
         N = self.poles.shape[1] - F
         self.sorted = np.ascontiguousarray(np.vstack([p, np.hypot(*p)[None]]))
         if self.kind == 1 and n != N:

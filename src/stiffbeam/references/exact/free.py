@@ -40,6 +40,7 @@ def free_system(system: System) -> Free:
     n = len(w2)
     decoupled = modes(system)
     D = X.T @ system.damping @ X if decoupled is None else np.diag(decoupled.damping)
+    coupling = 2 if decoupled is None else int(bool(np.any(D)))
     # Loads and offsets as rows of sin and cos of every frequency, constants as the frequency 0, and of the records.
     basis_rows, rest = drive.split(system.loads, n)
     shifts, shift_rest = drive.offsets(system)
@@ -55,7 +56,7 @@ def free_system(system: System) -> Free:
         for c in system.contacts
     ]
     shared: dict[str, Any] = {
-        "w2": w2, "damping": D, "rows": rows, "stops": stops,
+        "w2": w2, "damping": D, "coupling": coupling, "rows": rows, "stops": stops,
         "laws": np.array(law, float).reshape(m, 3), "meet": rows @ rows.T, "loads": loads, "offsets": offsets,
         "waves": waves, "edges": np.ascontiguousarray(drive.edges), "pieces": pieces,
     }  # fmt: skip
@@ -75,8 +76,7 @@ def free_system(system: System) -> Free:
 
 def closed_form(shared: dict[str, Any]) -> Free:
     """The free system with the closed forms of its modes."""
-    w2, waves, d = shared["w2"], shared["waves"], np.diag(shared["damping"])
-    coupled = np.any(shared["damping"] - np.diag(d))
+    w2, waves, d, coupled = shared["w2"], shared["waves"], np.diag(shared["damping"]), shared["coupling"] == 2
     n, F = len(w2), len(waves)
     kind, answer, apart, s = 0, np.zeros((2 * F, n)), np.zeros(n, np.int64), 1j * np.sqrt(w2)
     if not coupled and not np.any((d * d > (4.0 + CRITICAL) * w2) & (w2 > 0.0)):
@@ -200,7 +200,7 @@ def with_pressed(free: Free) -> Free:
     stated: dict[str, Any] = {
         x: getattr(free, x) for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")
     }
-    stated |= {"w2": w**2, "damping": D, "rows": np.ascontiguousarray(free.rows @ V.T)}
+    stated |= {"w2": w**2, "damping": D, "coupling": 2 * int(damped), "rows": np.ascontiguousarray(free.rows @ V.T)}
     sides = dict[str, Free]()
     for name, g in zip(("low", "up"), free.stops[0], strict=True):
         if np.isfinite(g):

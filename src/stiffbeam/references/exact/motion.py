@@ -134,7 +134,7 @@ class Solver:
         def off(x: Array) -> Array:
             return x * (1.0 + size * rng.uniform(-1.0, 1.0, x.shape))
 
-        kept = "waves edges damping meet offsets X into cancelled"
+        kept = "coupling waves edges damping meet offsets X into cancelled"
         shared = {x: getattr(free, x) for x in kept.split()}
         shared |= {x: off(getattr(free, x)) for x in ("w2", "loads", "rows", "stops", "laws", "pieces")}
         lost = size * rng.uniform(-1.0, 1.0, free.cancelled.shape) * free.cancelled
