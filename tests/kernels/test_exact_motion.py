@@ -9,7 +9,7 @@ from systems import case_of
 from witness import solve
 
 import stiffbeam as sb
-from stiffbeam.kernels.exact import NONE_PRESSED, Follower, Marks
+from stiffbeam.kernels.exact import Follower, Marks
 from stiffbeam.references.exact.motion import Motion, Solver
 from stiffbeam.references.exact.variation import Variation
 
@@ -25,7 +25,7 @@ def chain(n: int, k: float, ends: tuple[float, float] = (1.0, 1.0)) -> np.ndarra
 
 def by_series(system: sb.System) -> Solver:
     solver = Solver(system)
-    solver.made = solver.made._replace(pressed=NONE_PRESSED, free=solver.made.free.changed(kind=0))
+    solver.free = solver.free.changed(kind=0, up=None, low=None)
     return solver
 
 
@@ -127,12 +127,12 @@ def test_states_exactly_on_their_stops():
 
 def test_wrong_arrays_are_errors_of_python():
     system, motion = pressed_often(0.0)
-    made = motion.made
+    free = motion.free
     with pytest.raises(TypeError, match="a kernel takes"):
-        made.free.changed(w2=made.free.w2.astype("f4"))
+        free.changed(w2=free.w2.astype("f4"))
     with pytest.raises(TypeError, match="a kernel takes"):
-        made.free.changed(rows=np.zeros((1, 2)))
+        free.changed(rows=np.zeros((1, 2)))
     with pytest.raises(TypeError, match="a kernel takes"):
-        Follower(made.free, made.pressed, np.zeros(2), np.zeros(system.size))
+        Follower(free, np.zeros(2), np.zeros(system.size))
     with pytest.raises(TypeError, match="a kernel takes"):
-        Marks(*motion.marks[:3], motion.marks.side.astype("i4")).argument(made.free)
+        Marks(*motion.marks[:3], motion.marks.side.astype("i4")).argument(free)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rigid_loops import chain as rigid_chain
+from rigid_witness import random_system
 from systems import one_mass
 
 import stiffbeam as sb
@@ -30,6 +31,17 @@ def test_impacts_are_on_their_stop_but_for_the_rounding_of_time(gap):
     run = sb.reference(one, 100.0)
     assert run.horizon == 100.0
     assert run.impacts.count > 40
+
+
+@pytest.mark.parametrize("seed", [35, 47, 97, 126])
+def test_an_output_at_an_impact_has_the_state_behind_it(seed):
+    """Its time was rounded otherwise than that of the impact: the state was before the blow, whose loss was counted."""
+    one = random_system(seed)
+    times = sb.reference(one, 3.0).impacts.times
+    found = sb.reference(one, 3.0, t_eval=[0.0, *times, 3.0])
+    assert np.array_equal(found.impacts.times, times)
+    after = found.at(np.nextafter(times, np.inf), 0)[1]
+    np.testing.assert_allclose(found.contacts[0].velocity[1:-1], after, atol=1e-9)
 
 
 @pytest.mark.parametrize(("speed", "horizon"), [(4.0, 0.5), (4.0 - 1e-11, 0.9), (4.0 + 1e-11, 0.9)])

@@ -115,7 +115,7 @@ def _march(system: System, data: xr.Dataset, source: str) -> Motion:
         until = 0.5 * (ends[last] + ends[last + 1]) if last < len(times) else t_end
         start = data["q"].values[row], data["q_rate"].values[row]
         fresh = fresh_after(system, sides[max(piece - 1, 0)].tolist(), sides[piece].tolist())
-        part = solver.trace(float(times[piece]), np.ascontiguousarray(sides[piece]), fresh, start, float(until))
+        part = solver.solve(float(until), start, t=float(times[piece]), sides=sides[piece], fresh=fresh)
         # The events must be those of the file, in sides and in times.
         count = last - piece
         same = len(part.times) >= count and np.array_equal(part.sides[:count], sides[piece:last])

@@ -1218,7 +1218,7 @@ static Int run(Motion *x)
             e = watch(f, K, h, c, &x->s);
         }
         for (; o->station < o->n_stations; o->station++) { /* one at an event has the state behind it */
-            double end = c->t + e.s;
+            double end = c->t + (e.s - c->late); /* as `move` rounds it */
             if (e.contact < 0 ? o->stations[o->station] > end : o->stations[o->station] >= end) break;
             double tau = o->stations[o->station] - c->t;
             state_at(x, flown, K, tau, o->eta_at + o->station * n, o->rate_at + o->station * n);

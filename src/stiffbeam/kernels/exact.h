@@ -9,7 +9,7 @@
 
 #include "law.h"
 
-enum { DONE, FULL, STALLED, NOT_FINITE, NO_MEMORY }; /* results of exact_follow */
+enum { NO_MEMORY = -1, DONE, FULL, STALLED, NOT_FINITE }; /* results of exact_follow */
 
 /* The free system in its modes, and its contacts. The same order as in exact.py. */
 typedef struct {
@@ -42,14 +42,14 @@ typedef struct {
 
 /* State of a motion, advanced in place. Zero but for t, eta, rate at the start. */
 typedef struct {
-    double t, late;                /* time, and its rounding */
-    double leap;                   /* length of the last leap */
-    double fastest;                /* impact so far */
-    double together;               /* roundings of the time within which rigid stops are hit together */
     Int piece, begun, waits, hit;  /* piece of the records; 1 after the start; 1 before an impact, of contact `hit`; 2: one driven back */
     Int still;                     /* events without an advance of time */
     Int since;                     /* flights and steps of series since the last mark */
     Int evaluations;               /* series, and looks at the gaps of flights, so far */
+    double t, late;                /* time, and its rounding */
+    double leap;                   /* length of the last leap */
+    double fastest;                /* impact so far */
+    double together;               /* roundings of the time within which rigid stops are hit together */
     double *eta, *rate;            /* (n,) */
     double *lost;                  /* (2, n) roundings of eta, rate */
     double *speed;                 /* (m,) at which a gap opens after an impact */

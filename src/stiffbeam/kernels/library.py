@@ -6,17 +6,26 @@ import ctypes
 import os
 from collections.abc import Mapping
 from functools import cache
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..basics.arrays import Array
 from . import compile as compilation
 
 Int, Real, Address = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 _address_of, _buffer = ctypes.addressof, ctypes.c_char.from_buffer
 FLOAT, INTEGER = np.dtype(np.float64), np.dtype(np.int64)
+
+
+# The result and the arguments of every function: i integer, d number, p address, v nothing.
+FUNCTIONS = {
+    "march": "i ppp", "states": "v iiiiipppppp", "rigid_steps": "i p", "switch_time": "d dddddpd",
+    "solve_node": "i ipppp", "contact_forces": "v ippppp",
+    "exact_follow": "i pppppdp", "exact_read": "i pppppippppp", "exact_press": "i pppppiipppp",
+    "state_rate": "v dppp", "right_hand_side": "v dppp", "event_functions": "v dppp", "jacobian": "v dpddpiiip",
+}  # fmt: skip
 
 
 @cache
@@ -29,50 +38,60 @@ def library() -> ctypes.CDLL:
     path = Path(other) if other else compilation.library_path()
     if not other and not path.exists():
         compilation.build()
-    return ctypes.CDLL(os.fspath(path))
+    found, kinds = ctypes.CDLL(os.fspath(path)), {"i": Int, "d": Real, "p": Address, "v": None}
+    for name, signature in FUNCTIONS.items():
+        function, (result, arguments) = getattr(found, name), signature.split()
+        function.restype, function.argtypes = kinds[result], [kinds[x] for x in arguments]
+    return found
 
 
 class Structure:
     """A structure of C: integers, then numbers, then arrays, in the order of the header.
 
-    arrays: "name: shape", separated by semicolons, a shape in names of sizes and in numbers; "int" behind the name for
+    arrays: "name: shape", separated by semicolons, a shape in numbers and in names of sizes; "int" behind the name for
     integers, "?" for an array that may be left out or have no entries, for which C gets NULL.
     """
 
     def __init__(self, ints: str, reals: str, arrays: str) -> None:
-        kinds, self.arrays, sizes = [(ints, Int), (reals, Real)], list[tuple[str, slice, Any, bool]](), list[str]()
+        self.names, self.arrays = [*ints.split(), *reals.split()], list[tuple[str, list[str], Any, bool]]()
         for entry in arrays.split(";"):
             left, shape = (side.split() for side in entry.split(":"))
-            name, place = left[0].removesuffix("?"), slice(len(sizes), len(sizes) + len(shape))
-            self.arrays.append((name, place, INTEGER if "int" in left else FLOAT, left[0].endswith("?")))
-            sizes += shape
-        names = [*ints.split(), *reals.split()]
-        self.numbers, self.sizes = itemgetter(*names), itemgetter(*sizes)
-        self.known = dict.fromkeys(names, 0) | {size: int(size) for size in sizes if size.isdigit()}
-        fields = [(name, kind) for words, kind in kinds for name in words.split()]
+            self.arrays.append((left[0].rstrip("?"), shape, INTEGER if "int" in left else FLOAT, "?" in left[0]))
+        self.numbers = {size: int(size) for _, shape, *_ in self.arrays for size in shape if size.isdigit()}
+        fields = [(name, Int) for name in ints.split()] + [(name, Real) for name in reals.split()]
         fields += [(name, Address) for name, *_ in self.arrays]
-        self.type = type("Structure", (ctypes.Structure,), {"_fields_": fields})
+        own = {"_fields_": fields, "_as_parameter_": property(ctypes.addressof)}
+        self.type = type("Structure", (ctypes.Structure,), own)
 
-    def __call__(self, sizes: Mapping[str, float], arrays: Mapping[str, Any]) -> Any:
-        """The structure, by sizes and numbers and by arrays; numbers left out are 0.
+    def zeros(self, **sizes: int) -> dict[str, Array]:
+        """All arrays, of these sizes."""
+        known = self.numbers | sizes
+        return {name: np.zeros([known[x] for x in shape], dtype) for name, shape, dtype, _ in self.arrays}
+
+    def __call__(self, arrays: Mapping[str, Any], **numbers: float) -> Any:
+        """The structure. A size that is not among the ``numbers`` is that of the first array that has it; what neither
+        gives is 0.
 
         Raises TypeError for arrays of other shapes. The caller keeps the arrays as long as it is used.
         """
-        known, given = {**self.known, **sizes}, arrays.get
-        shapes, at = self.sizes(known), list[int | None]()
-        for name, place, dtype, optional in self.arrays:
-            x = given(name)
-            at.append(None if optional and (x is None or not x.size) else address(x, shapes[place], dtype))
-        return self.type(*self.numbers(known), *at)
+        known: dict[str, Any] = self.numbers | numbers
+        at = list[int | None]()
+        for name, shape, dtype, optional in self.arrays:
+            x = arrays.get(name)
+            if optional and (x is None or not x.size):
+                at.append(None)
+                continue
+            for size, length in zip(shape, getattr(x, "shape", ()), strict=False):
+                known.setdefault(size, length)
+            at.append(address(x, tuple([known.get(size, -1) for size in shape]), dtype))
+        return self.type(*[known.get(name, 0) for name in self.names], *at)
 
 
-def address(x: Any, shape: tuple[int, ...], dtype: Any = FLOAT, wanted: Any = True) -> int | None:
-    """Address of an array of this type and shape, row by row; None, C's NULL, where it is not wanted.
+def address(x: Any, shape: tuple[int, ...], dtype: Any = FLOAT) -> int:
+    """Address of an array of this type and shape, row by row.
 
     Raises TypeError for any other array. The caller keeps the array as long as the address is used.
     """
-    if not wanted:
-        return None
     if not isinstance(x, np.ndarray) or x.dtype != dtype or x.shape != shape or not (flags := x.flags).c_contiguous:
         given = f"{getattr(x, 'dtype', type(x).__name__)} {getattr(x, 'shape', '')}"
         raise TypeError(f"a kernel takes a {dtype} array of shape {shape}, row by row, not {given}")

@@ -5,15 +5,14 @@ Every array is checked here: one of another type, shape or order raises TypeErro
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.arrays import Array, IntArray, aligned, padded
-from .library import Int, Real, Structure, address, filled, library
+from .library import Structure, address, filled, library
 
 LINEAR, BY_LAW, MEAN = range(3)  # how a node finds its force: of springs, any law, or its mean over the step
 LAW, TALLY, EVENT = 6, 8, 6  # numbers of a law, a tally and an impact
@@ -42,20 +41,6 @@ _Rigid = Structure(
     "kinds int: S; bounds: S m 2; stops: m 2; driven: K D; shifts: K S m; predicted: K m; z: D; path: K D; "
     "reactions: K S m",
 )
-
-
-@cache
-def _functions() -> ctypes.CDLL:
-    """The library, with the arguments of its functions declared."""
-    lib, at, pointer = library(), ctypes.POINTER, ctypes.c_void_p
-    lib.march.argtypes = [at(_Block.type), at(_Drive.type), at(_Run.type)]
-    lib.states.argtypes, lib.states.restype = [*5 * [Int], *6 * [pointer]], None
-    lib.rigid_steps.argtypes = [at(_Rigid.type)]
-    lib.march.restype = lib.rigid_steps.restype = Int
-    lib.solve_node.argtypes, lib.solve_node.restype = [Int, *4 * [pointer]], Int
-    lib.contact_forces.argtypes, lib.contact_forces.restype = [Int, *5 * [pointer]], None
-    lib.switch_time.argtypes, lib.switch_time.restype = [*5 * [Real], pointer, Real], Real
-    return lib
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +72,9 @@ class Block:
     @cached_property
     def c(self) -> Any:
         """The block for C."""
-        (D, R), a, (N, _), (C, K, _) = self.reading.shape, len(self.transition), self.push.shape, self.velocity.shape
-        sizes = {"R": R, "D": D, "N": N, "a": a, "n": D // a, "C": C, "K": K, "width": R + D, "nodes": self.nodes}
-        return _Block(sizes | {"rule": self.rule, "rated": len(self.rates) > 0}, vars(self))
+        (D, R), a, (C, K, _) = self.reading.shape, len(self.transition), self.velocity.shape
+        sizes = {"R": R, "D": D, "a": a, "n": D // a, "C": C, "K": K, "width": R + D, "nodes": self.nodes}
+        return _Block(vars(self), **sizes, rule=self.rule, rated=len(self.rates) > 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +89,7 @@ class Forcing:
     @cached_property
     def c(self) -> Any:
         """The drive for C."""
-        F, (d, width) = len(self.frequencies), self.rows.shape
-        return _Drive({"F": F, "d": d, "width": width, "constant": self.constant}, vars(self))
+        return _Drive(vars(self), constant=self.constant, d=1 + 2 * len(self.frequencies))
 
 
 class Inflow(NamedTuple):
@@ -170,12 +154,11 @@ def run(block: Block, forcing: Forcing, inflow: Inflow, progress: Progress, kept
     start = np.concatenate([block.velocity, forcing.velocity], axis=2)
     effects = aligned((c.C, c.K, padded(start.shape[2]) + c.N))
     effects[..., : start.shape[2]], effects[..., effects.shape[2] - c.N :] = start, block.velocity_push
-    sizes = {
-        "m": m, "W": effects.shape[2], "outputs": outputs, "room": len(kept.events), "inflows": B, "blocks": blocks,
-        "width": width, "C": c.C, "K": c.K, "N": c.N, "state": c.D + (c.a - 1) * c.n,
-    }  # fmt: skip
-    x = _Run(sizes | span._asdict(), {"effects": effects} | inflow._asdict() | progress._asdict() | kept._asdict())
-    return bool(filled(_functions().march(c, drive, x)))
+    x = _Run(
+        {"effects": effects} | inflow._asdict() | progress._asdict() | kept._asdict(), **span._asdict(), blocks=blocks,
+        width=width, C=c.C, K=c.K, N=c.N, state=c.D + (c.a - 1) * c.n,
+    )  # fmt: skip
+    return bool(filled(library().march(c, drive, x)))
 
 
 def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: Array, dt: float) -> float:
@@ -185,7 +168,7 @@ def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: Ar
     That is where the cubic Hermite interpolant crosses the stop. At a damped stop that is penetrated, or held on to
     rounding, contact ends, and begins again, where the force changes sign.
     """
-    return _functions().switch_time(u0, v0, u1, v1, side, address(law, (LAW,)), dt)
+    return library().switch_time(u0, v0, u1, v1, side, address(law, (LAW,)), dt)
 
 
 def states(transition: Array, push: Array, forces: Array, starts: Array, K: int) -> Array:
@@ -199,7 +182,7 @@ def states(transition: Array, push: Array, forces: Array, starts: Array, K: int)
     out[:, 0] = 0.0
     arrays = (transition, (a, a * n)), (push, (F, D)), (forces, (steps, F)), (starts, (B, D))
     at = (address(x, shape) for x, shape in (*arrays, (z, z.shape), (out, out.shape)))
-    _functions().states(a, n, F, steps, K, *at)
+    library().states(a, n, F, steps, K, *at)
     return out
 
 
@@ -223,11 +206,10 @@ def rigid_steps(linear: Linear, driven: Array, shifts: Array, predicted: Array, 
     driven: (K, D), what loads add to the states; shifts: (K, S, m), what loads and offsets add to the arguments;
     predicted: (K, m), and to the predicted positions.
     """
-    (S, m, D), (a, _, n), K = linear.reading.shape, linear.blocks.shape, len(driven)
+    (S, m, D), K = linear.reading.shape, len(driven)
     path, reactions = np.empty((K, D)), np.empty((K, S, m))
     given = {"driven": driven, "shifts": shifts, "predicted": predicted, "z": z, "path": path, "reactions": reactions}
-    sizes = {"a": a, "n": n, "D": D, "S": S, "m": m, "K": K}
-    filled(_functions().rigid_steps(_Rigid(sizes, linear._asdict() | given)))
+    filled(library().rigid_steps(_Rigid(linear._asdict() | given)))
     return path, reactions
 
 
@@ -241,7 +223,7 @@ def solve_node(r: Array, compliance: Array, law: Array) -> Array:
     r, compliance, linear = np.ascontiguousarray(r), np.ascontiguousarray(compliance), np.zeros((m, LAW))
     linear[:, :3] = law[:, :3]
     at = address(r, (m,)), address(compliance, (m, m)), address(linear, (m, LAW)), address(F, (m,))
-    filled(_functions().solve_node(m, *at))
+    filled(library().solve_node(m, *at))
     return F
 
 
@@ -251,5 +233,5 @@ def contact_forces(u: Array, v: Array, law: Array, energy: Array | None = None) 
     law = law if law.shape == (*shape, LAW) else np.broadcast_to(law, (*shape, LAW))
     u, v, law, F = *(np.asarray(x, float, order="C") for x in (u, v, law)), np.empty(shape)
     at = address(u, shape), address(v, shape), address(law, (*shape, LAW)), address(F, shape)
-    _functions().contact_forces(F.size, *at, address(energy, shape, wanted=energy is not None))
+    library().contact_forces(F.size, *at, None if energy is None else address(energy, shape))
     return F

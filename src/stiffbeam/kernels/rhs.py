@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from functools import cache, cached_property
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse
 
 from ..basics.arrays import Array
-from .library import FLOAT, Int, Real, Structure, address, library
+from .library import FLOAT, Real, Structure, address, library
 from .march import LAW
 
 THROUGH = 2  # regime of a contact that follows its law on both sides of its events
@@ -27,27 +27,9 @@ _Equations = Structure(
 )
 
 
-@cache
-def _functions() -> ctypes.CDLL:
-    lib, at = library(), ctypes.c_void_p
-    for function in (lib.state_rate, lib.right_hand_side, lib.event_functions):
-        function.argtypes, function.restype = [Real, at, at, at], None
-    lib.jacobian.argtypes, lib.jacobian.restype = [Real, at, Real, Real, at, Int, Int, Int, at], None
-    return lib
-
-
 def function_address(name: str) -> int:
     """Address of a function of the library, for other C code."""
     return ctypes.cast(getattr(library(), name), ctypes.c_void_p).value or 0
-
-
-class Rows:
-    """A matrix by the entries of its rows that are not zero."""
-
-    def __init__(self, matrix: Array) -> None:
-        sparse = scipy.sparse.csr_array(matrix)
-        self.starts, self.columns = sparse.indptr.astype(np.int64), sparse.indices.astype(np.int64)
-        self.entries = sparse.data.astype(float)
 
 
 class Equations(SimpleNamespace):
@@ -71,33 +53,25 @@ class Equations(SimpleNamespace):
         self.given = np.zeros((3, called))
 
     @cached_property
-    def rows(self) -> tuple[Rows, Rows, Rows]:
-        """A, D and E by their entries."""
-        nothing = np.zeros((0, 0))
-        return Rows(self.matrix), Rows(self.damping), Rows(nothing if self.inertia is None else self.inertia)
-
-    @cached_property
     def _structure(self) -> Any:
-        (m, n), (edges, R, P), d, F = self.pushes.shape, self.records.shape, len(self.loads), len(self.frequencies)
-        _, D, E = self.rows
-        if d != 1 + 2 * F + R + self.called:
-            raise ValueError("the functions of time do not fit")
         # Entry (i, j) of a Jacobian at first + i + j stride: the storage of SUNDIALS.
         first, stride = 0, self.size
         if self.bandwidths is not None:
             lower, upper = self.bandwidths
             first = min(self.size - 1, lower + upper)  # upper bandwidth of the factors
             stride = first + lower
-        sizes = {
-            "n": n, "m": m, "size": self.size, "d": d, "F": F, "R": R, "P": P, "edges": edges, "damped": self.damped,
-            "viscous": len(D.entries) > 0, "inertia": len(E.entries) > 0, "first": first, "stride": stride,
-            "roots": self.roots, "called": self.called,
-        }  # fmt: skip
-        arrays = dict(vars(self), edge=self.edges)
-        for name, rows in zip("ADE", self.rows, strict=True):
-            arrays |= {f"{name}_{x}": array for x, array in vars(rows).items()}
-            sizes |= {f"{name}_rows": len(rows.starts), name: len(rows.entries)}
-        return _Equations(sizes, arrays)
+        self.edge = self.edges
+        inertia = np.zeros((0, 0)) if self.inertia is None else self.inertia
+        for name, matrix in (("A", self.matrix), ("D", self.damping), ("E", inertia)):
+            sparse = scipy.sparse.csr_array(matrix)
+            rows = {"starts": sparse.indptr, "columns": sparse.indices}
+            vars(self).update((f"{name}_{x}", array.astype(np.int64)) for x, array in rows.items())
+            vars(self)[f"{name}_entries"] = sparse.data.astype(float)
+        return _Equations(
+            vars(self), size=self.size, damped=self.damped, viscous=len(self.D_entries) > 0,
+            inertia=len(self.E_entries) > 0, first=first, stride=stride,
+            d=1 + 2 * len(self.frequencies) + self.records.shape[1] + self.called,
+        )  # fmt: skip
 
     @cached_property
     def c(self) -> int:
@@ -127,7 +101,7 @@ class Equations(SimpleNamespace):
     def _function(self, name: str, size: int, results: int) -> Callable[[float, Array], Array]:
         """A function of a time and a state of this size. Solvers call it for each evaluation, so that it hands over
         bytes, which ctypes takes in a tenth of the time of an array's address."""
-        function, whole, kept, c = getattr(_functions(), name), (size,), Real * results, self.c
+        function, whole, kept, c = getattr(library(), name), (size,), Real * results, self.c
 
         def call(t: float, z: Array) -> Array:
             if z.dtype != FLOAT or z.shape != whole:
@@ -144,5 +118,5 @@ class Equations(SimpleNamespace):
         J = np.empty((N, N))
         if z.dtype != FLOAT or z.shape != (N,):
             raise TypeError(f"jacobian takes a float64 array of shape {(N,)}, not {z.dtype} {z.shape}")
-        _functions().jacobian(t, z.tobytes(), cj, sign, address(J, (N, N)), N * N, 0, N, self.c)
+        library().jacobian(t, z.tobytes(), cj, sign, address(J, (N, N)), N * N, 0, N, self.c)
         return J.T

@@ -15,7 +15,6 @@ from .registry import (
     BEST,
     EXACT,
     METHODS,
-    MULTIPRECISION,
     REFERENCES,
     RTOL,
     Request,
@@ -102,42 +101,41 @@ def reference(
     >>> reference.horizon, reference.impacts.count
     (0.2, 42)
     """
-    from ..model.system import require_system
     from ..model.time_functions import times_of
     from .horizon import with_horizon
 
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
     steps = Steps(tuple(times_of("breakpoints", breakpoints).tolist()), max_step)
-    require_system(system)
-    t_end, kind = positive("t_end", t_end), method_of(method).kind
+    request = _checked(Request(system, t_end, method, times, rtol, atol, digits, steps))
     seconds = math.inf if seconds is None else positive("seconds", seconds)
     with working(f"{method}: solving", progress) as show:
         show(f"{method}: solving", 0, 0)
         try:
-            with deadline(seconds, PASSES_OF_EXACT if kind == EXACT else PASSES):
-                solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
+            with deadline(seconds, PASSES_OF_EXACT if method == "exact" else PASSES):
+                solution = _solution(request)
         except OutOfTime as late:
-            whole = t_end
-            t_end, times = _until(late.t, times, method, seconds)
-            solution = solve(system, t_end, method, times, rtol, atol, digits, steps)
+            whole, request = request.t_end, _until(late.t, request, seconds)
+            solution = _solution(request)
             solution.provenance["budget"] = (
-                f"to t = {t_end:.3g} of {whole:.3g}: its budget of {seconds:g} s of CPU ends there"
+                f"to t = {request.t_end:.3g} of {whole:.3g}: its budget of {seconds:g} s of CPU ends there"
             )
-        if kind == MULTIPRECISION or not math.isnan(solution.horizon):
-            return solution  # confirmed by more digits, or by its own copies
-        return with_horizon(solution, system, t_end, steps, solve, show)
+        if not math.isnan(solution.horizon):
+            return solution  # confirmed by more digits
+        return with_horizon(solution, request, _solution, show)
 
 
-def _until(t: float, times: NDArray[Any] | None, method: str, seconds: float) -> tuple[float, NDArray[Any] | None]:
-    """End and output times of a solution that the deadline has ended at t."""
+def _until(t: float, request: Request, seconds: float) -> Request:
+    """The same of a solution that the deadline has ended at t."""
+    times = request.t_eval
     if times is not None:
         times = times[times <= t]
         t = float(times[-1]) if len(times) > 2 else 0.0
     if t <= 0.0:
         from ..trajectory.trajectory import SolverFailure
 
-        raise SolverFailure(method, 0.0, f"{seconds:g} s of CPU end before its first outputs", "give more seconds")
-    return t, times
+        reason = f"{seconds:g} s of CPU end before its first outputs"
+        raise SolverFailure(request.method, 0.0, reason, "give more seconds")
+    return request._replace(t_end=t, t_eval=times)
 
 
 def best_reference(
@@ -198,27 +196,38 @@ def solve(
     Raises InputError for what the method cannot take or a library that is missing, SolverFailure where it
     gives up.
     """
+    return _solution(_checked(Request(system, t_end, method, t_eval, rtol, atol, digits, steps)))
+
+
+def _checked(request: Request) -> Request:
+    """The request, t_end a float. Raises InputError for what its method cannot take."""
     from ..model.system import require_system
 
+    system, method, steps = request.system, request.method, request.steps
     require_system(system)
-    entry = method_of(method)
-    t_end = positive("t_end", t_end)
-    if entry.kind == ADAPTIVE and not 1e-150 <= t_end <= 1e150:
-        raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
+    adaptive, t_end = method_of(method).kind == ADAPTIVE, positive("t_end", request.t_end)
     if steps.max_step is not None and positive("max_step", steps.max_step) < LEAST_STEP * t_end:
         raise InputError("max_step", steps.max_step, f"be at least {LEAST_STEP:g} of t_end", "it would take for ever")
-    given = "breakpoints" if len(steps.breakpoints) else "max_step" if steps.max_step is not None else None
-    if entry.kind != ADAPTIVE and given:
-        raise InputError(given, getattr(steps, given), f"be left out for {method}", "it has no steps to bound")
-    if entry.kind == ADAPTIVE:
+    if adaptive:
+        if not 1e-150 <= t_end <= 1e150:
+            raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
         for contact in system.contacts:
             contact.stops.require_compliant(f"the adaptive solver {method}")
+    for name in ("breakpoints", "max_step"):
+        given = getattr(steps, name)
+        if not adaptive and given not in ((), None):
+            raise InputError(name, given, f"be left out for {method}", "it has no steps to bound")
+    return request._replace(t_end=t_end)
+
+
+def _solution(request: Request) -> Reference:
+    """The solution of a request, by the module of its method."""
+    entry = method_of(request.method)
     try:
-        solver = import_module(f".{entry.module}", __name__)
-        return solver.solve(Request(system, t_end, method, t_eval, rtol, atol, digits, steps))
+        return import_module(f".{entry.module}", __name__).solve(request)
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         if missing not in entry.libraries:
             raise
         rule, remedy = f"have its library {missing} installed", f"pip install {entry.libraries[missing]}"
-        raise InputError("method", method, rule, remedy) from None
+        raise InputError("method", entry.name, rule, remedy) from None

@@ -18,8 +18,7 @@ from ..model.system import System
 from ..trajectory.ensemble import Ensemble, record_from, slim
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Reference, Trajectory, Work
-from . import BEST_RTOL, best_reference
-from . import solve as solve_by
+from . import BEST_RTOL, best_reference, solve
 from .exact.solution import solve_exact
 
 
@@ -76,29 +75,36 @@ def reference_ensemble(
     method, horizon = str(best.provenance["method"]), best.horizon
     if method != "exact" and since:
         raise InputError("since", since, f"be 0 for members solved by {method}", "record contacts from the start")
-    one = solve_exact if method == "exact" else partial(_adaptive, method)
-    first = one(members[0], t_end, at, since)
-    solving = partial(_solved, one, t_end, at, since, len(times))
+    one = partial(_solution, method, t_end, at)
+    first = one(since, members[0])
     show = current()
     report = lambda done: show(f"{method}: members", 1 + done, len(members))  # noqa: E731
     # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
-    others = over(solving, members[1:], report, cores() if method == "exact" else 1)
+    run_of = partial(_slim, partial(one, since), len(times))
+    others = over(run_of, members[1:], report, cores() if method == "exact" else 1)
     runs = [slim(first, len(times)), *others]
     seconds = perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
     # Runs keep no motion: a ledger solves its member again, on demand.
-    ledger = partial(_ledger, one, members, t_end, at)
+    ledger = partial(_ledger, partial(one, 0.0), members)
     return Ensemble.of(
         runs, members=members, t=times,
         work=Work(0, seconds, seconds), provenance=first.provenance | notes, ledger=ledger,
     )  # fmt: skip
 
 
-def _solved(
-    one: Callable[..., Reference], t_end: float, at: Array, since: float, outputs: int, system: System
-) -> Trajectory:
-    """The run of a member."""
-    return slim(one(system, t_end, at, since), outputs)
+def _solution(method: str, t_end: float, at: Array, since: float, system: System) -> Reference:
+    if method == "exact":
+        return solve_exact(system, t_end, at, since)
+    return solve(system, t_end, method, at, BEST_RTOL, None)
+
+
+def _slim(one: Callable[[System], Reference], outputs: int, system: System) -> Trajectory:
+    return slim(one(system), outputs)
+
+
+def _ledger(one: Callable[[System], Reference], members: EnsembleMembers, i: int) -> Ledger:
+    return one(members[i]).energy
 
 
 def energy_of(many: Ensemble, i: int) -> Array:
@@ -109,11 +115,3 @@ def energy_of(many: Ensemble, i: int) -> Array:
     system = many.members[i]
     run = solve_exact(system, float(many.provenance["t_end"]), many.t, 0.0)
     return sum(system.energies(many.t, *run.states), np.zeros(len(many.t)))
-
-
-def _adaptive(method: str, system: System, t_end: float, at: Array, since: float) -> Reference:
-    return solve_by(system, t_end, method, at, BEST_RTOL, None)
-
-
-def _ledger(one: Callable[..., Reference], members: EnsembleMembers, t_end: float, at: Array, i: int) -> Ledger:
-    return one(members[i], t_end, at, 0.0).energy

@@ -27,7 +27,7 @@ from .exact.motion import Motion, Solver
 from .exact.solution import refuse, solve_exact
 from .exact.tangent import Tangent
 from .exact.variation import Variation
-from .registry import OUTPUTS, Steps
+from .registry import OUTPUTS, Request
 
 COPIES = 8  # of the problem, each perturbed in its own way
 PERTURBATION = 16.0 * float(np.finfo(float).eps)  # of all numbers of a copy
@@ -161,10 +161,10 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
 
 
 def copies_agree_until(
-    system: System, motion: Motion, t: Array, tolerance: float, scales: list[float], horizon: float, show: Show = silent
+    motion: Motion, t: Array, tolerance: float, scales: list[float], horizon: float, show: Show = silent
 ) -> float:
     """The time, ``horizon`` at most, to which COPIES of the problem agree with its motion at the times t (k,)."""
-    solver = Solver(system)
+    solver = Solver(motion.system)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
         copy = solver.perturbed(PERTURBATION, seed)
@@ -175,7 +175,7 @@ def copies_agree_until(
             horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
             part, other = _copied(copy, t, float(np.nextafter(horizon, 0.0)))
         # Of a chatter either may count more impacts.
-        agreed = agree_until(_watched_motion(motion, part), other, tolerance, scales, PART, system.rigid)
+        agreed = agree_until(_watched_motion(motion, part), other, tolerance, scales, PART, motion.system.rigid)
         horizon = min(horizon, agreed)
     return horizon
 
@@ -187,16 +187,15 @@ def _copied(copy: Solver, t: Array, until: float) -> tuple[Array, Watched]:
         return part, _watched_motion(copy.solve(float(part[-1]), stations=part), part)
 
 
-def exact_horizon(
-    reference: Reference, system: System, t_end: float, tolerance: float, show: Show = silent
-) -> tuple[float, dict[str, Any]]:
-    """Horizon of the exact float64 solution, and the evidence for it.
+def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Show) -> tuple[float, dict[str, Any]]:
+    """Horizon of the exact float64 solution, and the evidence for it, for the provenance.
 
     It is the time to which COPIES of the problem, whose numbers are all off by PERTURBATION at most, agree with the
     solution to half the tolerance. No copy shows that a mode counts as free which a stiffness within the rounding of K
     would hold back: the horizon ends where that reaches the tolerance. Raises SolverFailure where it ends at once.
     """
     motion, t, scales = reference.solution, reference.t, scales_of(reference)
+    system: System = motion.system
     if system.rigid:
         # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
         _, kept = withheld(motion, t_end)
@@ -206,17 +205,17 @@ def exact_horizon(
     if t[0] > 0.0:
         t = np.append(np.linspace(0.0, t[0], OUTPUTS, endpoint=False), t)
     most = min(t_end, _of_free_modes(system))
-    horizon = copies_agree_until(system, motion, t, tolerance, scales, most, show)
+    horizon = copies_agree_until(motion, t, tolerance, scales, most, show)
     # Some copy differs at the first output after the start already: look at earlier times.
     if horizon == 0.0:
         times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
-        horizon = min(most, copies_agree_until(system, motion, times, tolerance, scales_of(reference), t_end))
+        horizon = min(most, copies_agree_until(motion, times, tolerance, scales_of(reference), t_end))
         if horizon <= times[1] and not system.rigid:
             reason = "rounding is as large as the outputs from the start"
             raise SolverFailure("exact", 0.0, reason, "use multiprecision")
     against = f"{COPIES} copies of the problem, its numbers off by {PERTURBATION:.2g}, to half the tolerance"
     ends = _order_decides(motion, horizon, reference.t) if system.rigid and horizon < t_end else ""
-    return horizon, {"against": against} | ({"horizon_ends": ends} if ends else {})
+    return horizon, {"horizon_against": against} | ({"horizon_ends": ends} if ends else {})
 
 
 def _order_decides(solution: Motion, horizon: float, t: Array) -> str:
@@ -241,48 +240,41 @@ def _of_free_modes(system: System) -> float:
 
 
 def with_horizon(
-    reference: Reference,
-    system: System,
-    t_end: float,
-    steps: Steps,
-    solve: Callable[..., Reference],
-    show: Show = silent,
+    reference: Reference, request: Request, solve: Callable[[Request], Reference], show: Show
 ) -> Reference:
-    """``reference`` with its horizon; the provenance names the solution that it was compared with.
+    """``reference``, the solution of ``request``, with its horizon; the provenance names the solution that it was
+    compared with.
 
     The exact solution is compared with perturbed copies of itself, see ``exact_horizon``. Any other solution is
-    compared with the exact one. If that does not exist, it is compared with itself at ten times its rtol, or at a tenth
-    if it steps across kinks, with steps of less than half the length and the functions of time sampled at other points.
-    A load that one of the two missed makes them differ; a load that both missed is not found. The provenance names the
-    other solution. Both must agree to half the tolerance, so that each may be off by the other half. solve: the
-    function that solves again, with the arguments of ``references.solve``. Raises SolverFailure for an exact solution
-    without any valid time span.
+    compared with the exact one. If that does not exist, it is compared with itself at ten times its rtol, with steps of
+    less than half the length and the functions of time sampled at other points. A load that one of the two missed makes
+    them differ; a load that both missed is not found. Both must agree to half the tolerance, so that each may be off by
+    the other half. solve: the function that solves another request. Raises SolverFailure for an exact solution without
+    any valid time span.
     """
+    system, t_end = request.system, request.t_end
     tolerance = time_tolerance(system, t_end)
     notes: dict[str, Any] = {}
-    if reference.provenance["method"] == "exact":
-        horizon, notes = exact_horizon(reference, system, t_end, tolerance, show)
-        against = notes.pop("against")
+    if request.method == "exact":
+        horizon, notes = exact_horizon(reference, t_end, tolerance, show)
     else:
-        show(f"{reference.provenance['method']}: a second solution for its horizon", 1, 2)
+        show(f"{request.method}: a second solution for its horizon", 1, 2)
         # The exact solution is the better judge where it exists.
         try:
             other = solve_exact(system, t_end, reference.t)
             against = "exact"
         except (InputError, SolverFailure):
-            rtol, method = float(reference.provenance["rtol"]), reference.provenance["method"]
             # Across a kink the error does not follow rtol: two solutions can share it, unless one is more precise.
-            rtol *= 10.0
+            rtol, steps = 10.0 * request.rtol, request.steps._replace(other=True)
             against = f"itself at rtol {rtol:g} with shorter steps"
-            other = solve(system, t_end, method, reference.t, rtol, None, steps=steps._replace(other=True))
+            other = solve(request._replace(t_eval=reference.t, rtol=rtol, atol=None, steps=steps))
             seen = reference.provenance.get("functions_seen_every", 0.0)
             against += f"; functions in Python seen at steps of at most {seen:.2g}" if seen else ""
-        horizon = agreement(reference, other, tolerance, PART)
+        horizon, notes["horizon_against"] = agreement(reference, other, tolerance, PART), against
     # The tolerance to state is the strictest: contacts that are hit often have a smaller one.
     tolerance = min([tolerance, *(apart(c.impacts.count, t_end) for c in reference.contacts)])
     notes |= {
         "horizon": horizon,
-        "horizon_against": against,
         "horizon_tolerance": f"|du| <= {DISPLACEMENT_TOLERANCE:g} max|u|, impact times to {tolerance:.3g}",
     }
     return replace(reference, horizon=horizon, provenance=reference.provenance | notes)

@@ -128,6 +128,7 @@ def provenance_of(system: System, method: str, t_end: float, notes: dict[str, An
         "form": system.form,
         "units": list(system.units),
         "t_end": float(t_end),
+        **REFERENCES[method].versions(),
         **notes,
         **versions(),
     }

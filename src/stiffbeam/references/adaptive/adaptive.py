@@ -16,9 +16,9 @@ from ...model.right_hand_side import RightHandSide
 from ...model.time_functions import in_closed_form
 from ...trajectory.records import ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work
-from ..registry import REFERENCES, Request, output_times, provenance_of
+from ..registry import Request, output_times, provenance_of
 from .intervals import smooth_intervals
-from .restarts import Outcome, Path, Phase, Scales, Span, follow, scales_of
+from .restarts import Outcome, Path, Phase, Scales, Span, scales_of
 
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
 LEAST_SHARE = 1e-6  # of the default atol: below it an unknown that passes through zero stops the solver
@@ -51,13 +51,14 @@ def reference_from(
     share, tolerances = _tolerances(rhs, scales, rtol, atol)
 
     def solve(t: Array) -> Path:
-        run = solver(rhs, share * rtol, tolerances)
-        begun = clock()
-        return follow(method, rhs, intervals, t, scales, run)._replace(seconds=clock() - begun)
+        path = Path(method, rhs, scales, solver(rhs, share * rtol, tolerances))
+        path.follow(intervals, t)
+        return path
 
     # Outputs at t, from which positions and velocities of all channels follow.
     result = solve(t)
-    y = result.states[:, : rhs.states]
+    z = np.array(result.states)
+    y = z[:, : rhs.states]
     positions, velocities = rhs.channels(t, y)
     tip, end = system.tip_channel, intervals[-1].end
     evaluate, state_at = _answers(solve, rhs, end, t, y)
@@ -79,11 +80,11 @@ def reference_from(
             for i in range(len(system.contacts))
         ),
         work=Work(steps=0, seconds=clock() - begun, march_seconds=result.seconds, counters=result.counters),
-        provenance=provenance_of(system, method, t_end, notes) | REFERENCES[method].versions(),
+        provenance=provenance_of(system, method, t_end, notes),
         system=system,
         evaluate=evaluate,
         state_at=state_at,
-        ledger=partial(_ledger, rhs, t, result.states, positions),
+        ledger=partial(_ledger, rhs, t, z, positions),
     )
 
 
@@ -119,7 +120,7 @@ def _answers(solve: Callable[[Array], Path], rhs: RightHandSide, end: float, t: 
         if not np.all(np.isin(due, known)):
             known = due if len(due) > 1 else np.unique([0.0, *due, end])
             with SOLVING:
-                y = solve(known).states[:, : rhs.states]
+                y = np.array(solve(known).states)[:, : rhs.states]
             kept[0] = known, y
         return y[np.searchsorted(known, times)]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
@@ -141,17 +141,8 @@ class Stepper:
     ) -> None:  # fmt: skip
         self.t, self.y, self.t_bound, self.status = t0, np.asarray(y0), t_bound, "running"
         self.t_old, self._old = t0, self.y
-        self._program, self._max_step = program, max_step
-        # The first length is only a guess, which error control corrects. A stated one leads to an event: the caller
-        # needs that one step.
-        guess = 1e-3 * program.rtol**0.2 * min(t_bound - t0, max_step)
-        self._length = guess if first_step is None else first_step
-        self._count = FIRST_STEPS if first_step is None else 1
-        self._outputs = np.empty(0) if outputs is None else outputs
-        self._times: Array = np.empty(0)
-        self._states: Array = np.empty((0, len(y0)))
-        self._next = 0
-        self.counters = {"steps": 0, "stages": 0}
+        self._program, self.counters = program, {"steps": 0, "stages": 0}
+        self._ahead = self._made_ahead(np.empty(0) if outputs is None else outputs, max_step, first_step)
 
     @property
     def nfev(self) -> int:
@@ -160,30 +151,36 @@ class Stepper:
 
     def step(self) -> str | None:
         """Make one step; return the reason where it fails."""
-        if self._next == len(self._times) and not self._fill():
+        following = next(self._ahead, None)
+        if following is None:
             self.status = "failed"
             return "no step is short enough for the tolerances"
         self.t_old, self._old = self.t, self.y
-        self.t, self.y = float(self._times[self._next]), self._states[self._next]
-        self._next += 1
+        self.t, self.y = float(following[0]), following[1]
         if self.t >= self.t_bound:
             self.status = "finished"
         return None
 
-    def _fill(self) -> bool:
-        """Make up to ``_count`` steps ahead; return False where there are none."""
-        # One call of the compiled march makes many steps, since each call from Python has its cost.
-        first = int(np.searchsorted(self._outputs, self.t, "right"))
-        outputs = self._outputs[first : first + CAPACITY]
-        end = float(outputs[-1]) if len(outputs) == CAPACITY else self.t_bound
-        span = Span(self.t, self.y, self._length, end, outputs, self._max_step, self._count)
-        times, states, made, tried, length = self._program(span)
-        self._times, self._states, self._next = times[:made], states[:made], 0
-        self._length, self._count = float(length), min(CAPACITY, 2 * self._count)
-        # A rejected step takes as many stages as an accepted one.
-        self.counters["steps"] += int(tried)
-        self.counters["stages"] += int(tried) * self._program.stages
-        return bool(made)
+    def _made_ahead(self, outputs: Array, max_step: float, first_step: float | None) -> Iterator[tuple[Any, Array]]:
+        """Times and states of the steps, until there are none.
+
+        One call of the compiled march makes many steps, since each call from Python has its cost.
+        """
+        # The first length is only a guess, which error control corrects. A stated one leads to an event: the caller
+        # needs that one step.
+        length = first_step or 1e-3 * self._program.rtol**0.2 * min(self.t_bound - self.t, max_step)
+        count, made = FIRST_STEPS if first_step is None else 1, True
+        while made:
+            first = int(np.searchsorted(outputs, self.t, "right"))
+            due = outputs[first : first + CAPACITY]
+            end = float(due[-1]) if len(due) == CAPACITY else self.t_bound
+            span = Span(self.t, self.y, length, end, due, max_step, count)
+            times, states, made, tried, length = self._program(span)
+            # A rejected step takes as many stages as an accepted one.
+            self.counters["steps"] += int(tried)
+            self.counters["stages"] += int(tried) * self._program.stages
+            length, count = float(length), min(CAPACITY, 2 * count)
+            yield from zip(times[:made], states[:made], strict=True)
 
     def dense_output(self) -> Callable[[Any], Array]:
         """The cubic with the states and rates at both ends of the last step."""
@@ -310,30 +307,23 @@ def _chord() -> Any:
     return Chord
 
 
-def jax_devices() -> list[Any]:
-    """The devices of JAX. Raises InputError where one does not start: a card without free memory, or one that
-    JAX_PLATFORMS names and that is not there."""
-    import jax
-
-    try:
-        return jax.local_devices()
-    except (RuntimeError, AssertionError) as error:  # JAX 0.10 asserts that some device has started
-        reason = str(error).partition(" (you may")[0] or "none"
-        raise InputError("JAX", reason, "start its devices", "set JAX_PLATFORMS=cpu in the environment") from None
-
-
 @contextmanager
 def float64_on_the_processor() -> Generator[None]:
     """A context in which JAX computes in float64 on the processor; outside it stays as it was.
 
     A step of a small stiff system is a chain of hundreds of short operations. Each of them costs a launch on a
-    graphics card, which JAX takes by default where there is one. Raises InputError where no device starts.
+    graphics card, which JAX takes by default where there is one. Raises InputError where no device starts: a card
+    without free memory, or one that JAX_PLATFORMS names and that is not there.
     """
     import jax
 
     # A switch of the whole process in older versions of JAX moved out of ``experimental``.
     home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
-    jax_devices()
+    try:
+        jax.local_devices()
+    except (RuntimeError, AssertionError) as error:  # JAX 0.10 asserts that some device has started
+        reason = str(error).partition(" (you may")[0] or "none"
+        raise InputError("JAX", reason, "start its devices", "set JAX_PLATFORMS=cpu in the environment") from None
     try:
         processor = jax.local_devices(backend="cpu")[0]
     except RuntimeError:  # JAX_PLATFORMS leaves the processor out

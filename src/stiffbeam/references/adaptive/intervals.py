@@ -28,13 +28,12 @@ SECOND_LOOK = 0.381966  # of the step bounds, for the steps of a second solution
 
 
 class Interval(NamedTuple):
-    """Interval [start, end] with smooth functions of time. They may be evaluated in [first, last] only: a jump at an
+    """Interval [start, end] with smooth functions of time. They may be evaluated in [first, end] only: a jump at an
     end belongs to the neighbour. max_step: inf without a bound."""
 
     start: float
     end: float
     first: float
-    last: float
     max_step: float
 
 
@@ -55,20 +54,15 @@ def smooth_intervals(system: System, t_end: float, steps: Steps) -> list[Interva
         longest = SECOND_LOOK * min(longest, t_end / STEPS_OF_FUNCTIONS)
     # The cuts: breakpoints of the caller, samples of the records, breakpoints that a function states.
     times = [times_of("breakpoints", steps.breakpoints), *map(breakpoints_of, functions)]
-    cuts = [0.0]
+    # Cuts that are a few roundings apart would leave an interval of rounding length between them.
+    cuts, least = [0.0], 64.0 * float(np.finfo(float).eps) * t_end
     for t in np.unique(np.concatenate(times)).tolist():
-        # Cuts that are a few roundings apart would leave an interval of rounding length between them.
-        if cuts[-1] + _least(t_end) < t < t_end - _least(t_end):
+        if cuts[-1] + least < t < t_end - least:
             cuts.append(t)
     # The functions may jump at a cut: an interval ends one double before it, and the next one evaluates them after it.
     ends = [*(math.nextafter(t, -math.inf) for t in cuts[1:]), t_end]
     firsts = [0.0, *(math.nextafter(t, math.inf) for t in cuts[1:])]
     return [
-        Interval(start, end, first, end, min(longest, PER_STEP * (end - start) if cubic else math.inf))
+        Interval(start, end, first, min(longest, PER_STEP * (end - start) if cubic else math.inf))
         for start, end, first in zip([0.0, *ends[:-1]], ends, firsts, strict=True)
     ]
-
-
-def _least(t_end: float) -> float:
-    """Shortest length of an interval."""
-    return 64.0 * float(np.finfo(float).eps) * t_end

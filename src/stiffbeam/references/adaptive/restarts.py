@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 
 from ...basics.arrays import Array
-from ...basics.resources import in_time
+from ...basics.resources import clock, in_time
 from ...basics.validation import InputError
 from ...kernels.rhs import THROUGH
 from ...model.contact_law import chord
@@ -49,18 +49,19 @@ def scales_of(system: System, t_end: float) -> Scales:
     the same scales. A system in which nothing can move has scales 1.
     """
     # Energy of the start, of the loads and of the moving stops.
-    compliance = _inverse(system.stiffness + 2.0 / t_end**2 * system.mass)
-    t = np.linspace(0.0, t_end, SAMPLES)
+    compliance, mobility = (
+        scipy.linalg.cho_solve(scipy.linalg.cho_factor(matrix), np.eye(system.size))
+        for matrix in (system.stiffness + 2.0 / t_end**2 * system.mass, system.mass)
+    )
+    t, moves = np.linspace(0.0, t_end, SAMPLES), list[float]()
     energy = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
     for vector, function in system.loads:
         largest = float(np.max(np.abs(evaluate(function, t))))
         energy += 0.5 * largest * largest * float(vector @ compliance @ vector)
-    moves = []
     for contact in system.contacts:
-        o = offset_values(contact.offset, t)
+        o, gives = offset_values(contact.offset, t), float(contact.row @ compliance @ contact.row)
         moves.append(float(np.max(np.abs(o))))
         move = float(np.max(np.abs(o - o[0])))
-        gives = float(contact.row @ compliance @ contact.row)
         if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid
             gives += 1.0 / chord(move, contact.stops.coefficients)
         energy += 0.5 * move * move / gives
@@ -71,9 +72,10 @@ def scales_of(system: System, t_end: float) -> Scales:
         ones = np.ones(len(system.contacts))
         return Scales(np.ones(2 * system.size), ones, ones, 1.0)
     # Largest values at that energy.
-    mobility = _inverse(system.mass)
-    lengths = np.array([np.sqrt(2.0 * energy * (c.row @ compliance @ c.row)) for c in system.contacts])
-    speeds = np.array([np.sqrt(2.0 * energy * (c.row @ mobility @ c.row)) for c in system.contacts])
+    lengths, speeds = (
+        np.array([np.sqrt(2.0 * energy * (c.row @ inverse @ c.row)) for c in system.contacts])
+        for inverse in (compliance, mobility)
+    )
     squares = 2.0 * energy * np.stack([np.diag(compliance), np.diag(mobility)], axis=1).ravel()
     unknowns = np.sqrt(np.maximum(squares, 0.0))  # of an inverse that rounding may leave slightly negative
     # A tolerance must be positive, also for an unknown that cannot move.
@@ -81,12 +83,9 @@ def scales_of(system: System, t_end: float) -> Scales:
     return Scales(unknowns, lengths + np.array(moves), speeds, energy)
 
 
-def _inverse(matrix: Array) -> Array:
-    return scipy.linalg.cho_solve(scipy.linalg.cho_factor(matrix), np.eye(len(matrix)))
-
-
 STUCK = 1000  # phases without progress in time, after which a solver gives up
 MOST_EVALUATIONS = 50_000_000  # of the right-hand side: some ten minutes
+ORDERS = 6  # powers of time in the rate of a body at rest on its stop, of which the first decides
 
 
 class Root(NamedTuple):
@@ -96,17 +95,6 @@ class Root(NamedTuple):
     sign: int
     time: float
     z: Array
-
-
-class Phase(NamedTuple):
-    """Interval [start, end] from z, with outputs at ``times`` in it and steps up to max_step (inf: no bound)."""
-
-    start: float
-    end: float
-    z: Array
-    times: Array
-    max_step: float
-    watch: Watch
 
 
 class Outcome(NamedTuple):
@@ -119,9 +107,10 @@ class Outcome(NamedTuple):
     counters: dict[str, int]
 
 
-class Watch:
-    """Root functions of a phase: every gap, then every gap's rate. For damped stops see ``kernels/rhs.h``: the gap is
-    positive where they press, and the rates of the forces follow.
+class Phase:
+    """Interval [start, end] from z, with outputs at ``times`` in it, steps up to max_step (inf: no bound), and its root
+    functions: every gap, then every gap's rate. For damped stops see ``kernels/rhs.h``: the gap is positive where they
+    press, and the rates of the forces follow.
 
     A gap ends the phase, from below where the side is free, from above where it is closed. It is watched at a level a
     few roundings past where it starts, so that the root a phase starts on is not found again; a rate at one a few
@@ -130,12 +119,16 @@ class Watch:
     sides give the peaks.
     """
 
-    def __init__(self, rhs: RightHandSide, t: float, z: Array, closed: list[bool], rounding: Array) -> None:
-        self.rhs, self.closed = rhs, closed
-        self.count, self.size = len(closed), len(rounding)
+    def __init__(
+        self, rhs: RightHandSide, start: float, end: float, z: Array, times: Array, max_step: float,
+        closed: list[bool], rounding: Array,
+    ) -> None:  # fmt: skip
+        self.start, self.end, self.z, self.max_step = start, end, z, max_step
+        self.times = times[: np.searchsorted(times, end, "right")]
+        self.rhs, self.closed, self.count, self.size = rhs, closed, len(closed), len(rounding)
         rhs.levels[:] = rounding
         rhs.levels[: self.count] = 0.0
-        gaps, margin = self.values(t, z)[: self.count], rounding[: self.count]
+        gaps, margin = self.values(start, z)[: self.count], rounding[: self.count]
         rhs.levels[: self.count] = np.where(closed, np.minimum(gaps - margin, 0.0), np.maximum(gaps + margin, 0.0))
         self.peaks: list[Root] = []
 
@@ -176,19 +169,101 @@ class Span:
     open: bool = True
 
 
-class Contacts:
-    """Spans of every side. Forces are computed while the functions of time may be evaluated."""
+class Path:
+    """A motion from event to event, by a solver ``run`` of phases.
 
-    def __init__(self, rhs: RightHandSide) -> None:
-        self.rhs = rhs
-        self.spans: list[list[Span]] = [[] for _ in rhs.sides]
+    states: at the outputs. spans: the contacts of every side. counters: what the solver has counted. seconds: of CPU.
+    Forces are computed while the functions of time may be evaluated.
+    """
+
+    def __init__(self, method: str, rhs: RightHandSide, scales: Scales, run: Callable[[Phase], Outcome]) -> None:
+        self.method, self.rhs, self.run = method, rhs, run
+        # What event functions are good to: a gap is a difference of numbers as large as the motion and the stop, and
+        # below some roundings of these its sign means nothing. The rates of forces, each in units of its own, have 0.
+        stops = [max(abs(g) for _, g in rhs.system.contacts[i].stops.sides) for i, _ in rhs.sides]
+        contacts = [i for i, _ in rhs.sides]
+        extents = np.concatenate([scales.lengths[contacts] + stops, scales.speeds[contacts]])
+        self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, rhs.roots - len(extents)))
+        self.states, self.spans = list[Array](), [list[Span]() for _ in rhs.sides]
+        self.counters = {"restarts": -1}
+        rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH
+
+    def follow(self, intervals: Sequence[Interval], t: Array) -> None:
+        """Integrate from 0 to the end of the last interval, with output at the times t."""
+        rhs, z, now, still, begun = self.rhs, self.rhs.z0.copy(), 0.0, 0, clock()
+        self.states += [z] if len(t) and t[0] <= 0.0 else []
+        # In every smooth interval, phases from event to event.
+        for interval in intervals:
+            now, stored = interval.start, rhs.stored(interval.start, z)
+            rhs.window[:] = (interval.first, interval.end)
+            if interval is intervals[0]:
+                switched = np.flatnonzero(self._closed_at_start(z, interval)).tolist()
+            else:
+                # A stop may jump where an interval begins, or its velocity does, and with it the force of its damping.
+                z = rhs.jumped(now, z, stored)
+                gaps = self._gaps_and_rates(now, z)[0]
+                turned = (np.abs(gaps) > self.rounding[: len(gaps)]) & ((gaps > 0.0) != self.closed)
+                switched = np.flatnonzero(turned).tolist()
+            while True:
+                for k in switched:
+                    self._switch(k, now, z)
+                self._pass_kink(now, z)
+                if now >= interval.end:
+                    break
+                outcome, switched = self._phase(interval, now, z, t[len(self.states) :])
+                # Phases without progress in time would never end.
+                self.counters["restarts"] += 1
+                still = still + 1 if outcome.t <= now else 0
+                if still > STUCK:
+                    remedy = "take the exact solution, or a damped stop"
+                    raise SolverFailure(self.method, now, "events without end", remedy)
+                now, z = outcome.t, outcome.z
+                self.states += outcome.states
+        # A root at the end itself leaves the output there to a phase that does not come.
+        self.states += [z] * (len(t) - len(self.states))
+        for k in np.flatnonzero(self.closed).tolist():
+            self.spans[k][-1].ends.append((now, z, rhs.pressing(now, z, k)))
+        self.seconds = clock() - begun
+
+    def _phase(self, interval: Interval, now: float, z: Array, times: Array) -> tuple[Outcome, list[int]]:
+        """Integrate from an event to the next, or to the end of the interval; also the sides that change there.
+
+        Each contact keeps its side, so that its force is smooth past the event, an ordinary root. A phase that passed
+        over both crossings of a gap is repeated to the time between them.
+        """
+        rhs, closed = self.rhs, self.closed
+        rhs.regime[:] = 0
+        for k in np.flatnonzero(closed):
+            contact, side = rhs.sides[k]
+            rhs.regime[contact] = side
+        end, landing, tries = interval.end, None, 0
+        while True:
+            tries += 1
+            phase = Phase(rhs, now, end, z, times, interval.max_step, closed, self.rounding)
+            outcome = self.run(phase)
+            for name, count in outcome.counters.items():
+                self.counters[name] = self.counters.get(name, 0) + count
+            refuse_endless(self.method, outcome.t, max(self.counters.values()))
+            # Ended by rates only, it is repeated with a step that ends there.
+            missed = outcome.ended_by and all(root.which >= phase.count for root in outcome.ended_by)
+            if not missed or outcome.t <= now or tries == STUCK:
+                break
+            landing, end = outcome.ended_by[0].which % phase.count, outcome.t
+        for peak in phase.peaks:
+            self._note(peak.which % phase.count, peak.time, peak.z)
+        # Sides that change: those with an event, and the one at which a repeated phase ended past the event.
+        switched = [r.which for r in outcome.ended_by if r.which < phase.count]
+        if landing is not None and not switched:
+            past = (phase.values(outcome.t, outcome.z)[landing] > 0.0) != closed[landing]
+            switched = [landing] if past else []  # on the stop at the end of the step, to rounding
+        return outcome, switched
 
     @property
     def closed(self) -> list[bool]:
         """True for sides that have been entered and not left."""
         return [bool(spans) and spans[-1].open for spans in self.spans]
 
-    def switch(self, side: int, t: float, z: Array) -> None:
+    def _switch(self, side: int, t: float, z: Array) -> None:
         """Record an event at t with state z: the side is left if it is closed, else entered."""
         at = t, z, self.rhs.pressing(t, z, side)
         if self.closed[side]:
@@ -197,117 +272,50 @@ class Contacts:
         else:
             self.spans[side].append(Span([at]))
 
-    def note(self, side: int, t: float, z: Array) -> None:
+    def _note(self, side: int, t: float, z: Array) -> None:
         """Record a force that may be the largest of a closed side."""
         span = self.spans[side][-1]
         span.peak = float(np.fmax(span.peak, self.rhs.pressing(t, z, side)))
 
-    def pass_kink(self, t: float, z: Array) -> None:
+    def _pass_kink(self, t: float, z: Array) -> None:
         """Record the forces where a phase begins or ends within a contact. The force of a moving or damped stop may
         turn there from rising to falling without a zero of its rate."""
         for k in np.flatnonzero(self.closed).tolist():
             contact = self.rhs.system.contacts[self.rhs.sides[k][0]]
             if (contact.offset is not None or contact.stops.dissipative) and self.spans[k][-1].ends[0][0] < t:
-                self.note(k, t, z)
+                self._note(k, t, z)
 
+    def _gaps_and_rates(self, t: float, z: Array) -> Array:
+        """Gaps and their rates (2, sides) > 0 in the stops, not less any level."""
+        self.rhs.levels[:] = 0.0
+        count = len(self.rhs.sides)
+        return self.rhs.event_functions(t, z)[: 2 * count].reshape(2, count)
 
-class Path(NamedTuple):
-    """States (k, size) at the outputs, the spans of every side, the counters and the seconds."""
+    def _closed_at_start(self, z: Array, interval: Interval) -> list[bool]:
+        """True inside the stop, or exactly on it and moving or pushed in, at once or later."""
+        rhs, z_rate, orders = self.rhs, self.rhs.rate(0.0, z), []
+        for (i, side), gap, rate in zip(rhs.sides, *self._gaps_and_rates(0.0, z), strict=True):
+            # On the stop the first derivative that is not zero decides: gap, rate, acceleration, and those after it.
+            push = side * float(rhs.system.contacts[i].row @ z_rate[1 : rhs.states : 2])
+            orders.append(next((x for x in (gap, rate, push) if x != 0.0), 0.0))
+        if 0.0 in orders:
+            orders = [x or later for x, later in zip(orders, self._leaving(z, interval).tolist(), strict=True)]
+        return [x > 0.0 for x in orders]
 
-    states: Array
-    spans: list[list[Span]]
-    counters: dict[str, int]
-    seconds: float = 0.0
+    def _leaving(self, z: Array, interval: Interval) -> Array:
+        """The rate of every gap just after the start, 0.0 where it is below rounding.
 
-
-def follow(
-    method: str,
-    rhs: RightHandSide,
-    intervals: Sequence[Interval],
-    t: Array,
-    scales: Scales,
-    run: Callable[[Phase], Outcome],
-) -> Path:
-    """Integrate from 0 to the end of the last interval, with output at the times t."""
-    # Setup: event functions with their rounding, and the sides closed at the start.
-    rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH
-    rounding = _rounding(rhs, scales)
-    z, contacts = rhs.z0.copy(), Contacts(rhs)
-    rhs.window[:] = (intervals[0].first, intervals[0].last)
-    for k, closed in enumerate(_closed_at_start(rhs, z, intervals[0], rounding)):
-        if closed:
-            contacts.switch(k, 0.0, z)
-    states: list[Array] = [z] if len(t) and t[0] <= 0.0 else []
-    counters: dict[str, int] = {}
-    # In every smooth interval, phases from event to event.
-    still = 0
-    for interval in intervals:
-        now, stored = interval.start, rhs.stored(interval.start, z)
-        rhs.window[:] = (interval.first, interval.last)
-        # A stop may jump where an interval begins, or its velocity does, and with it the force of its damping.
-        if interval is not intervals[0]:
-            z = rhs.jumped(now, z, stored)
-            for k in _turned(rhs, now, z, contacts.closed, rounding):
-                contacts.switch(k, now, z)
-        while now < interval.end:
-            contacts.pass_kink(now, z)
-            last = int(np.searchsorted(t, interval.end, "right"))
-            phase = (now, interval.end, z, t[len(states) : last], interval.max_step)
-            outcome, watch, switched = _phase(method, rhs, contacts.closed, rounding, phase, run, counters)
-            # Go on from there. Phases without progress in time would never end.
-            counters["starts"] = counters.get("starts", 0) + 1
-            still = still + 1 if outcome.t <= now else 0
-            if still > STUCK:
-                remedy = "take the exact solution, or a damped stop"
-                raise SolverFailure(method, now, "events without end", remedy)
-            now, z = outcome.t, outcome.z
-            states += outcome.states
-            for peak in watch.peaks:
-                contacts.note(peak.which % watch.count, peak.time, peak.z)
-            for k in switched:
-                contacts.switch(k, now, z)
-            contacts.pass_kink(now, z)
-    # A root at the end itself leaves the output there to a phase that does not come.
-    states += [z] * (len(t) - len(states))
-    counters["restarts"] = counters.pop("starts") - 1
-    for k in np.flatnonzero(contacts.closed).tolist():
-        contacts.spans[k][-1].ends.append((intervals[-1].end, z, rhs.pressing(intervals[-1].end, z, k)))
-    return Path(np.array(states), contacts.spans, counters)
-
-
-def _phase(
-    method: str, rhs: RightHandSide, closed: list[bool], rounding: Array, phase: tuple[Any, ...],
-    run: Callable[[Phase], Outcome], counters: dict[str, int],
-) -> tuple[Outcome, Watch, list[int]]:  # fmt: skip
-    """Integrate from the start of a phase to an event or its end; also the sides that change there.
-
-    Each contact keeps its side, so that its force is smooth past the event, an ordinary root. A phase that passed over
-    both crossings of a gap is repeated to the time between them.
-    """
-    rhs.regime[:] = 0
-    for k in np.flatnonzero(closed):
-        contact, side = rhs.sides[k]
-        rhs.regime[contact] = side
-    now, end, z, times, max_step = phase
-    landing, tries = None, 0
-    while True:
-        tries += 1
-        watch = Watch(rhs, now, z, closed, rounding)
-        due = times[: np.searchsorted(times, end, "right")]
-        outcome = run(Phase(now, end, z, due, max_step, watch))
-        for name, count in outcome.counters.items():
-            counters[name] = counters.get(name, 0) + count
-        refuse_endless(method, outcome.t, max(counters.values(), default=0))
-        # Ended by rates only, it is repeated with a step that ends there.
-        missed = outcome.ended_by and all(root.which >= watch.count for root in outcome.ended_by)
-        if not missed or outcome.t <= now or tries == STUCK:
-            break
-        landing, end = outcome.ended_by[0].which % watch.count, outcome.t
-    # Sides that change: those with an event, and the one at which a repeated phase ended past the event.
-    switched = [r.which for r in outcome.ended_by if r.which < watch.count]
-    if landing is not None and not switched and (watch.values(outcome.t, outcome.z)[landing] > 0.0) != closed[landing]:
-        switched = [landing]  # on the stop at the end of the step, to rounding
-    return outcome, watch, switched
+        A load that grows from zero, or a neighbour, moves a body at rest by a high power of time. A step of Euler's
+        method is a polynomial with positive coefficients, so that ``ORDERS`` short ones have the sign of the first
+        power.
+        """
+        rhs = self.rhs
+        fastest = np.max(np.abs(np.linalg.eigvals(rhs.jacobian(0.0, z)[: rhs.states, : rhs.states])))
+        h = 1e-2 * min(10.0 / float(fastest) if fastest > 0.0 else np.inf, interval.max_step, interval.end)
+        for k in range(ORDERS):
+            z = z + h * rhs.rate(k * h, z)
+        rates = self._gaps_and_rates(ORDERS * h, z)[1]
+        return np.where(np.abs(rates) > self.rounding[len(rates) : 2 * len(rates)], rates, 0.0)
 
 
 def refuse_endless(method: str, t: float, evaluations: int) -> None:
@@ -316,56 +324,3 @@ def refuse_endless(method: str, t: float, evaluations: int) -> None:
     if evaluations > MOST_EVALUATIONS:
         reason = f"{evaluations} evaluations of the right-hand side, more than {MOST_EVALUATIONS}"
         raise SolverFailure(method, t, reason, "loosen rtol, shorten t_end or take the exact solution")
-
-
-def _rounding(rhs: RightHandSide, scales: Scales) -> Array:
-    """What event functions (roots,) are good to: a gap is a difference of numbers as large as the motion and the stop,
-    and below some roundings of these its sign means nothing. The rates of forces, each in units of its own, have 0."""
-    extents = []
-    for i, _ in rhs.sides:
-        stops = rhs.system.contacts[i].stops
-        finite = [abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)]
-        extents.append(float(scales.lengths[i]) + max(finite))
-    extents += [float(scales.speeds[i]) for i, _ in rhs.sides]
-    extents += [0.0] * (rhs.roots - len(extents))
-    return 16.0 * np.finfo(float).eps * np.array(extents)
-
-
-def _turned(rhs: RightHandSide, t: float, z: Array, closed: list[bool], rounding: Array) -> list[int]:
-    """Sides that are not as ``closed`` says, beyond rounding."""
-    rhs.levels[:] = 0.0
-    values = rhs.event_functions(t, z)
-    return [k for k, was in enumerate(closed) if abs(values[k]) > rounding[k] and (values[k] > 0.0) != was]
-
-
-def _closed_at_start(rhs: RightHandSide, z: Array, interval: Interval, rounding: Array) -> list[bool]:
-    """True inside the stop, or exactly on it and moving or pushed in, at once or later."""
-    rhs.levels[:] = 0.0
-    values = rhs.event_functions(0.0, z)
-    count = len(rhs.sides)
-    z_rate, orders = rhs.rate(0.0, z), []
-    for k, (i, side) in enumerate(rhs.sides):
-        # On the stop the first derivative that is not zero decides: gap, rate, acceleration, and those after it.
-        push = side * float(rhs.system.contacts[i].row @ z_rate[1 : rhs.states : 2])
-        orders.append(next((x for x in (values[k], values[count + k], push) if x != 0.0), 0.0))
-    if 0.0 in orders:
-        orders = [x or later for x, later in zip(orders, _leaving(rhs, z, interval, rounding).tolist(), strict=True)]
-    return [x > 0.0 for x in orders]
-
-
-ORDERS = 6  # powers of time in the rate of a body at rest on its stop, of which the first decides
-
-
-def _leaving(rhs: RightHandSide, z: Array, interval: Interval, rounding: Array) -> Array:
-    """The rate of every gap just after the start, 0.0 where it is below rounding.
-
-    A load that grows from zero, or a neighbour, moves a body at rest by a high power of time. A step of Euler's method
-    is a polynomial with positive coefficients, so that ``ORDERS`` short ones have the sign of the first power.
-    """
-    fastest = np.max(np.abs(np.linalg.eigvals(rhs.jacobian(0.0, z)[: rhs.states, : rhs.states])))
-    h = 1e-2 * min(10.0 / float(fastest) if fastest > 0.0 else np.inf, interval.max_step, interval.end)
-    for k in range(ORDERS):
-        z = z + h * rhs.rate(k * h, z)
-    count = len(rhs.sides)
-    rates = rhs.event_functions(ORDERS * h, z)[count : 2 * count]
-    return np.where(np.abs(rates) > rounding[count : 2 * count], rates, 0.0)

@@ -12,7 +12,7 @@ from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import REFERENCES, Request
 from .adaptive import Solver, reference_from
-from .restarts import Outcome, Phase, Root, Watch, refuse_endless
+from .restarts import Outcome, Phase, Root, refuse_endless
 
 IMPLICIT = ("LSODA", "Radau")  # take the Jacobian
 SAME = 1e-13  # of the time: no solver makes a step as short as that
@@ -68,8 +68,8 @@ class Stepping:
         stepper = self.start(phase.start, phase.z, phase.end, max_step=phase.max_step, outputs=phase.times)
         self.counters = {}
         states: list[Array] = []
-        watch, before = phase.watch, phase.watch.values(phase.start, phase.z)
-        directions, steps = np.array(watch.directions), 0
+        before = phase.values(phase.start, phase.z)
+        directions, steps = np.array(phase.directions), 0
         root: Root | None = None
         while stepper.status == "running" and root is None:
             left, message = stepper.y, stepper.step()
@@ -79,16 +79,16 @@ class Stepping:
             if stepper.status == "failed":
                 remedy = "loosen rtol and atol or take the exact solution"
                 raise SolverFailure(self.method, float(stepper.t), str(message), remedy)
-            after = watch.values(stepper.t, stepper.y)
+            after = phase.values(stepper.t, stepper.y)
             # Zero counts as negative: a root at the joint of two steps is found once.
             crossed = ((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0)
             before = after
             if crossed.any():
                 dense = stepper.dense_output()
-                found = _located(stepper, dense, watch, np.flatnonzero(crossed))
-                root = next((x for x in found if watch.ends([x])), None)
+                found = _located(stepper, dense, phase, np.flatnonzero(crossed))
+                root = next((x for x in found if phase.ends([x])), None)
                 # A zero of a rate is only the end of a repeated phase: dense output is accurate enough for its state.
-                if root is not None and root.which < watch.count:
+                if root is not None and root.which < phase.count:
                     root = root._replace(z=self._stepped(stepper, left, root.time))
             stop = stepper.t if root is None else root.time
             due = phase.times[len(states) : int(phase.times.searchsorted(stop, "right"))]
@@ -121,7 +121,7 @@ class Stepping:
             self.counters[name] = self.counters.get(name, 0) + count
 
 
-def _located(stepper: Any, dense: Any, watch: Watch, changed: Array) -> list[Root]:
+def _located(stepper: Any, dense: Any, phase: Phase, changed: Array) -> list[Root]:
     """The roots in the last step by its dense output, in order of time."""
     from scipy.optimize import brentq
 
@@ -129,7 +129,7 @@ def _located(stepper: Any, dense: Any, watch: Watch, changed: Array) -> list[Roo
     for k in changed:
 
         def value(t: float, k: int = int(k)) -> float:
-            return float(watch.values(t, dense(t))[k])
+            return float(phase.values(t, dense(t))[k])
 
         low, high = value(stepper.t_old), value(stepper.t)
         if low == 0.0 or low * high > 0.0:  # on it at the start of the step, or only by rounding of dense output

@@ -11,8 +11,7 @@ once against the library's own functions.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack, closing
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -119,18 +118,18 @@ class Memory:
     """Objects that SUNDIALS allocates for one solver, freed together."""
 
     def __init__(self, library: Library) -> None:
-        self.library = library
-        self._free: list[Callable[[], Any]] = []
+        self.library, self._objects = library, ExitStack()
         self.context = POINTER()
         library("SUNContext_Create", INTEGER(0), ctypes.byref(self.context))
-        self._free.append(lambda: library("SUNContext_Free", ctypes.byref(self.context)))
+        self._objects.callback(library, "SUNContext_Free", ctypes.byref(self.context))
         # Failures come back as statuses; the handlers would also write them to the terminal.
         library("SUNContext_ClearErrHandlers", self.context)
 
     def made(self, name: str, *arguments: Any, free: str) -> Any:
-        """Return what a function of SUNDIALS makes in this context, which ``free`` frees."""
+        """Return what a function of SUNDIALS makes in this context, which ``free`` frees; a solver by its reference."""
         address = POINTER(self.library(name, *arguments, self.context, result=POINTER))
-        self._free.append(lambda: self.library(free, address, result=None))
+        freed = ctypes.byref(address) if name.endswith("Create") else address
+        self._objects.callback(self.library, free, freed, result=None)
         return address
 
     def vector(self, numbers: Array) -> Any:
@@ -144,14 +143,9 @@ class Memory:
         lower, upper = bandwidths
         return self.made("SUNBandMatrix", INTEGER(size), INTEGER(upper), INTEGER(lower), free="SUNMatDestroy")
 
-    def keep(self, solver: Any, free: str) -> None:
-        """Free ``solver`` with the rest."""
-        self._free.append(lambda: self.library(free, ctypes.byref(solver), result=None))
-
     def close(self) -> None:
         """Free everything, the last first."""
-        while self._free:
-            self._free.pop()()
+        self._objects.close()
 
     def __del__(self) -> None:
         self.close()
@@ -175,8 +169,7 @@ class Sundials:
         first, jacobian, self._events = self._functions
         # Settings that all phases share.
         arguments = (INTEGER(ADAMS if method == "cvode-adams" else BDF),) if self.family == "CVode" else ()
-        self._solver = POINTER(call(f"{self.family}Create", *arguments, memory.context, result=POINTER))
-        memory.keep(self._solver, f"{self.family}Free")
+        self._solver = memory.made(f"{self.family}Create", *arguments, free=f"{self.family}Free")
         self._set("Init", first, DOUBLE(0.0), *self._vectors)
         self._set("SetUserData", POINTER(rhs.equations.c))
         self._set("SVtolerances", DOUBLE(rtol), memory.vector(self._atol))
@@ -216,17 +209,16 @@ class Sundials:
                 states.append(z)
                 t = float(target)
                 continue
-            while not ended_by:
-                t, z, rooted = self._step(float(target), phase.end)
+            rooted = True
+            # Only some roots end a phase; after the others the solver goes on to the same target.
+            while rooted and not ended_by:
+                t, z, rooted = self._step(float(target))
                 refuse_endless(self.method, t, self._evaluations)
-                if not rooted:  # the output time, or the end
-                    break
-                # Roots: only some end a phase; after the others the solver goes on to the same target.
-                flags = np.zeros(phase.watch.size, np.int32)
-                self._set("GetRootInfo", POINTER(flags.ctypes.data))
+                flags = np.zeros(phase.size, np.int32)
+                if rooted:
+                    self._set("GetRootInfo", POINTER(flags.ctypes.data))
                 roots = [Root(int(k), int(flags[k]), t, z) for k in np.flatnonzero(flags)]
-                if phase.watch.ends(roots):
-                    ended_by = roots
+                ended_by = roots if phase.ends(roots) else []
             if ended_by:
                 break
             states.append(z)
@@ -247,17 +239,17 @@ class Sundials:
         self._set("ReInit", DOUBLE(phase.start), *self._vectors)
         longest = phase.max_step if np.isfinite(phase.max_step) else 0.0  # 0 for no bound
         self._set("SetMaxStep", DOUBLE(longest))
-        watched = phase.watch.size if phase.watch.count else 0
+        # Without the stop time a step could go beyond the smooth interval and interpolate back.
+        self._set("SetStopTime", DOUBLE(phase.end))
+        watched = phase.size if phase.count else 0
         self._set("RootInit", INTEGER(watched), self._events)
         self._set("SetNoInactiveRootWarn")  # a start on a stop has such a root
         if watched:
-            directions = np.array(phase.watch.directions, np.int32)
+            directions = np.array(phase.directions, np.int32)
             self._set("SetRootDirection", POINTER(directions.ctypes.data))
 
-    def _step(self, target: float, end: float) -> tuple[float, Array, bool]:
-        """Integrate to ``target``, not beyond ``end``, or to a root; time, state, and True at a root."""
-        # Without the stop time a step could go beyond the smooth interval and interpolate back.
-        self._set("SetStopTime", DOUBLE(end))
+    def _step(self, target: float) -> tuple[float, Array, bool]:
+        """Integrate to ``target`` or to a root; time, state, and True at a root."""
         reached, status = DOUBLE(), TOO_MUCH_WORK
         time = ctypes.byref(reached)
         name, arguments = "CVode", [DOUBLE(target), *self._vectors, time]
@@ -273,7 +265,6 @@ class Sundials:
         if status < 0:
             message = self._call.messages.get(status, f"SUNDIALS returned {status}")
             raise SolverFailure(self.method, reached.value, message, "loosen rtol and atol or take the exact solution")
-        self._set("ClearStopTime")
         return reached.value, self._y.copy(), status == ROOT_RETURN
 
     @property

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
-from ...kernels.exact import REBOUND
 from ...model.time_functions import offset_rate, offset_values
 from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import SolverFailure
@@ -38,12 +37,30 @@ def entries(solution: Motion, i: int, t_end: float) -> Impacts:
 
 
 def _rigid_rows(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntArray, Array]:
-    """Times, ends, sides and impulses of the impacts on a rigid stop; blows while it is held count, too."""
-    times, ends, sides, marks = _struck(solution, i, t_end)
+    """Times, ends, sides and impulses of the impacts on a rigid stop, also of those that begin to press without a blow.
+
+    Ends: the time itself where the contact is thrown back, NaN where it is held at t_end. Blows while it is held count
+    with the impact before them; those that are rounding beside the largest momentum of the contact do not.
+    """
     blows, mine = solution.blows, solution.blows.contact == i
-    at, t, row = blows.mark[mine], blows.t[mine], np.searchsorted(marks, blows.mark[mine], "right") - 1
+    at, t, outward = blows.mark[mine], blows.t[mine], blows.outward[mine]
+    strong = set(at[outward >= DUST * np.max(outward, initial=largest_momentum(solution, i))].tolist())
+    # By the mark behind an impact: time, end, side. A blow at the start is no event of the search.
+    rows = {0: (t[0], t[0], float(blows.side[mine][0]))} if 0 in strong else {}
+    when, contact, side, mark = (x.tolist() for x in solution.events)
+    for time, one, on, behind in zip(when, contact, side, mark, strict=True):
+        if one == i and on and behind in strong:
+            rows[behind] = time, time, float(np.sign(on))
+    for start, end, on in zip(*_closed(solution, i, t_end), strict=True):
+        behind = solution.first_mark[np.flatnonzero(solution.times == start)].tolist()
+        k = next((x for x in reversed(behind) if x in rows), behind[-1])
+        time, _, struck = rows.get(k, (start, start, float(on)))
+        rows[k] = time, np.nan if end == t_end else end, struck
+    marks = np.array(sorted(rows), np.int64)
+    times, ends, sides = np.array([rows[x] for x in marks.tolist()]).reshape(-1, 3).T
+    row = np.searchsorted(marks, at, "right") - 1
     own = (row >= 0) & ((marks[row] == at) | (t <= ends[row])) if len(marks) else np.zeros(len(at), bool)
-    return times, ends, sides, np.bincount(row[own], blows.outward[mine][own], len(times)).astype(float)
+    return times, ends, sides.astype(np.int64), np.bincount(row[own], outward[own], len(times)).astype(float)
 
 
 def record_of(solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end: float, since: float) -> ContactRecord:
@@ -82,37 +99,8 @@ def record_of(solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end:
 
 def largest_momentum(solution: Motion, i: int) -> float:
     """The largest impulse that brings contact i to rest."""
-    free, rates = solution.made.free, [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
+    free, rates = solution.free, [solution.marks.rate, *([] if solution.seen is None else [solution.seen[2]])]
     return max(float(np.max(np.abs(x @ free.rows[i]), initial=0.0)) for x in rates) / float(free.meet[i, i])
-
-
-def _struck(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, IntArray, IntArray]:
-    """Times, ends, sides and marks of the impacts on a rigid stop; one that begins to press without a blow has a row,
-    too. Ends: the time itself where the contact is thrown back, NaN where it is held at t_end. Those that are rounding
-    beside the largest momentum of the contact do not count."""
-    t, _, side, mark = (x[solution.events[1] == i] for x in solution.events)
-    blows = solution.blows
-    largest = np.max(blows.outward, initial=largest_momentum(solution, i))
-    strong = blows.mark[(blows.contact == i) & (blows.outward >= DUST * largest)]
-    hit = side != 0
-    times, sides, marks = t[hit], np.where(np.abs(side[hit]) == REBOUND, side[hit] // REBOUND, side[hit]), mark[hit]
-    ends, kept = times.copy(), np.isin(marks, strong)
-    for start, end, on in zip(*_closed(solution, i, t_end), strict=True):
-        at = solution.first_mark[np.flatnonzero(solution.times == start)]
-        k, end = np.flatnonzero(np.isin(marks, at)), np.nan if end == t_end else end
-        if len(k):
-            ends[k[-1]], kept[k[-1]] = end, True
-            continue
-        place = int(np.searchsorted(times, start, "right"))
-        times, ends, sides = np.insert(times, place, start), np.insert(ends, place, end), np.insert(sides, place, on)
-        marks, kept = np.insert(marks, place, at[-1]), np.insert(kept, place, True)
-    # A blow at the start is no event of the search.
-    first = np.flatnonzero((blows.contact == i) & (blows.mark == 0) & np.isin(0, strong))
-    if len(first) and 0 not in marks:
-        begin, on = solution.times[0], blows.side[first[0]]
-        times, ends, sides = np.insert(times, 0, begin), np.insert(ends, 0, begin), np.insert(sides, 0, on)
-        marks, kept = np.insert(marks, 0, 0), np.insert(kept, 0, True)
-    return times[kept], ends[kept], sides[kept], marks[kept]
 
 
 def _closed(solution: Motion, i: int, t_end: float) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -143,8 +131,13 @@ def exact_ledger(solution: Motion, times: Array) -> Ledger:
     where = np.searchsorted(edges, times)
     works, system = solution.work(edges), solution.system
     given, taken, stops = (np.concatenate([[0.0], np.cumsum(x)])[where] for x in works)
-    moved, struck = impulsive_work(solution)
-    so_far = np.searchsorted(solution.blows.t, times, side="right")
+    # With u = row q + o a stop moves at -o', and the impulse P of a blow works on the mean of u' before and after.
+    blows, speeds = solution.blows, np.zeros(len(solution.blows.t))
+    for i in np.unique(blows.contact).tolist():
+        here = blows.contact == i
+        speeds[here] = offset_rate(system.contacts[i].offset, blows.t[here])
+    moved, struck = -blows.impulse * speeds, -0.5 * blows.impulse * (blows.before + blows.after)
+    so_far = np.searchsorted(blows.t, times, side="right")
     given, stops = (x + np.concatenate([[0.0], np.cumsum(y)])[so_far] for x, y in ((given, moved), (stops, struck)))
     energies = system.energies(times, *solution.states(times))
     # Between rigid stops with a blow at the start, which the motion has behind it.
@@ -152,19 +145,6 @@ def exact_ledger(solution: Motion, times: Array) -> Ledger:
     loss = system.energy(np.zeros(1), *start)[0] - sum(energies) + given - taken - stops
     none = np.zeros(len(times))
     return Ledger(times, *energies, given, taken, loss, none, loss, stops, none)
-
-
-def impulsive_work(solution: Motion) -> tuple[Array, Array]:
-    """Work that moving stops do, and energy that is lost, in every blow, (blows,) each.
-
-    With u = row q + o the stop moves at -o', and the impulse P works on the mean of u' before and after.
-    """
-    blows = solution.blows
-    speeds = np.zeros(len(blows.t))
-    for i in np.unique(blows.contact).tolist():
-        here = blows.contact == i
-        speeds[here] = offset_rate(solution.system.contacts[i].offset, blows.t[here])
-    return -blows.impulse * speeds, -0.5 * blows.impulse * (blows.before + blows.after)
 
 
 DUST = 1e-13  # of the largest momentum of a contact
@@ -228,10 +208,10 @@ def audit(solution: Motion, t_end: float) -> None:
 def _answered(solution: Motion, t_end: float) -> None:
     """Raise SolverFailure where the closed form's answer to the loads is so much larger than the motion that this is
     its rounding; both in the norm of M."""
-    free = solution.made.free
+    free = solution.free
     lost = 4.0 * EPS * float(np.linalg.norm(free.answer))
     if solution.times[0] == 0.0 and lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
-        length = np.linalg.norm(solution.states(np.linspace(0.0, t_end, 33))[0] @ solution.made.into, axis=1)
+        length = np.linalg.norm(solution.states(np.linspace(0.0, t_end, 33))[0] @ free.into, axis=1)
         if lost > START * float(np.max(length)):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
 

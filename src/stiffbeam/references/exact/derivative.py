@@ -57,35 +57,29 @@ class Derivative:
         until = "" if np.isinf(self.exists_until) else f", exists until t = {self.exists_until:.6g}: {self.reason}"
         return f"<Derivative in {', '.join(self.wrt)}{until}>"
 
-    def _masked(self, t: Array, values: Array) -> Array:
-        values[t >= self.exists_until] = np.nan
-        return values
-
     @cached_property
     @working("differentiating")
     def _at_outputs(self) -> Array:
-        """The motion and its derivatives at the times t, (k, 1 + p, N)."""
-        return self.tangent.at(self.t, self.tangent.segment_at(self.t))
+        """The motion at the times t and its derivatives, NaN where these do not exist, (k, 1 + p, N)."""
+        y = self.tangent.at(self.t, self.tangent.segment_at(self.t))
+        y[self.t >= self.exists_until, 1:] = np.nan
+        return y
+
+    def _of_form(self, name: str) -> Array:
+        """Derivative (k, p) of a form of the variation, such as the tip."""
+        y, variation = self._at_outputs, self.tangent.variation
+        slopes = np.array([np.imag(getattr(x, name)) / STEP for x in variation.beside])
+        return y[:, 1:] @ getattr(variation.base, name) + y[:, 0] @ slopes.T
 
     @cached_property
-    def _tip(self) -> Array:
-        """Derivatives of the observed position and velocity, (k, 2, p)."""
-        y, found = self._at_outputs, []
-        variation = self.tangent.variation
-        for name in ("seen", "seen_rate"):
-            slopes = np.array([np.imag(getattr(x, name)) / STEP for x in variation.beside])
-            found.append(y[:, 1:] @ getattr(variation.base, name) + y[:, 0] @ slopes.T)
-        return self._masked(self.t, np.stack(found, axis=1))
-
-    @property
     def tip(self) -> Array:
         """Derivative of the observed position, (k, p)."""
-        return self._tip[:, 0]
+        return self._of_form("seen")
 
-    @property
+    @cached_property
     def tip_velocity(self) -> Array:
         """Derivative of the observed velocity, (k, p)."""
-        return self._tip[:, 1]
+        return self._of_form("seen_rate")
 
     @cached_property
     def state(self) -> Array:
@@ -94,7 +88,7 @@ class Derivative:
         afford("wrt", p, "ask for fewer parameters or times", floats=8.0 * len(self.t) * len(X) * p)
         y, n = self._at_outputs[:, 1:], len(X)
         parts = [y[:, :, :n] @ X.T, y[:, :, n : 2 * n] @ X.T]
-        return self._masked(self.t, np.moveaxis(np.concatenate(parts, axis=2), 1, 2))
+        return np.moveaxis(np.concatenate(parts, axis=2), 1, 2)
 
     @cached_property
     @working("differentiating a copy for the horizon")
@@ -120,7 +114,7 @@ def chatter_ends(solution: Motion) -> list[float]:
     """Times at which impacts on a rigid stop have accumulated: 2 v/(a (1 - e)) after the one behind which the contact
     is held, which would have left it with v under the acceleration a into the stop."""
     times, contacts, sides, marks = solution.events
-    meet, blows, ends = solution.made.free.meet, solution.blows, []
+    meet, blows, ends = solution.free.meet, solution.blows, []
     for t, i, side, mark in zip(times.tolist(), contacts.tolist(), sides.tolist(), marks.tolist(), strict=True):
         e = float(solution.system.contacts[i].stops.restitution or 0.0)
         if abs(side) != 1 or e == 0.0:

@@ -9,13 +9,13 @@ the modes have them.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ...basics.arrays import Array
 from ...basics.validation import InputError
-from ...kernels.exact import NONE_PRESSED, Free, Pressed
+from ...kernels.exact import Free
 from ...model.modes import decoupled_modes, undamped_modes
 from ...model.system import System
 from ...model.time_functions import Drive, parts
@@ -29,32 +29,18 @@ FEW = 50  # modes up to which a pressed spring is a series: as fast there, and m
 EPS = float(np.finfo(float).eps)
 
 
-class FreeSystem(NamedTuple):
-    """The free system, that with its only contact pressed, and the modes X (n, n)."""
+def free_system(system: System) -> Free:
+    """The free system of a System with linear contacts and time functions in closed form.
 
-    free: Free
-    pressed: Pressed
-    X: Array
-    into: Array  # eta = q @ into
-    cancelled: Array  # (B, n) of loads, in nodes: what their terms cancel of each other
-
-    def start(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """eta, eta' of q, q' (..., n)."""
-        return q @ self.into, v @ self.into
-
-
-def free_system(system: System, drive: Drive) -> FreeSystem:
-    """The free system of a System with linear contacts and time functions in closed form."""
-    basis, m = undamped_modes(system), len(system.contacts)
+    Beside what the kernel takes it has the modes X (n, n), ``into`` (n, n) with eta = q @ into, and what the terms of
+    the loads cancel of each other, ``cancelled`` (B, n), in nodes.
+    """
+    basis, drive, m = undamped_modes(system), Drive.of(system), len(system.contacts)
     w2, X = basis.omega**2, basis.shapes
     n = len(w2)
     decoupled = decoupled_modes(system)
-    if decoupled is not None:
-        coupling = int(bool(np.any(decoupled.damping)))
-        drag, D = decoupled.damping.copy(), np.diag(decoupled.damping)
-    else:
-        D = X.T @ system.damping @ X
-        coupling, drag = 2, np.diag(D).copy()
+    D = X.T @ system.damping @ X if decoupled is None else np.diag(decoupled.damping)
+    coupling = 2 if decoupled is None else int(bool(np.any(D)))
     # Loads and offsets as rows of sin and cos of every frequency, constants as the frequency 0, and of the records.
     basis_rows, rest = drive.split(system.loads, n)
     shifts, shift_rest = drive.offsets(system)
@@ -68,7 +54,7 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
         for c in system.contacts
     ]
     shared: dict[str, Any] = {
-        "w2": w2, "drag": drag, "damping": D, "coupling": coupling, "rows": rows, "stops": stops,
+        "w2": w2, "damping": D, "coupling": coupling, "rows": rows, "stops": stops,
         "laws": np.array(law, float).reshape(m, 3), "meet": rows @ rows.T, "loads": loads, "offsets": offsets,
         "waves": waves, "edges": np.ascontiguousarray(drive.edges), "pieces": drive.table,
     }  # fmt: skip
@@ -76,35 +62,35 @@ def free_system(system: System, drive: Drive) -> FreeSystem:
     if np.any(np.isfinite(shared["laws"][:, 0]) & ~(stiffness < 1e290)):
         rule, largest = "give modes that float64 can hold", float(np.max(shared["laws"][:, 0]))
         raise InputError("stops.stiffness", largest, rule, "use other units, or rigid stops with a restitution")
-    shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
-    free = closed_form(shared)
     terms = [([(a * p, f)], n) for p, whole in system.loads for a, f in parts(whole)]
     cancelled = np.zeros_like(loads)
     if terms:
         sizes = np.sum([np.abs(drive.split(*term)[0]) for term in terms], axis=0)
         cancelled[1 : 1 + len(sizes)] = np.maximum(sizes - np.abs(basis_rows), 0.0)
-    return FreeSystem(free, pressed_system(free), X, np.ascontiguousarray(system.mass @ X), cancelled)
+    shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
+    shared |= {"X": X, "into": np.ascontiguousarray(system.mass @ X), "cancelled": cancelled}
+    return with_pressed(closed_form(shared))
 
 
 def closed_form(shared: dict[str, Any]) -> Free:
     """The free system with the closed forms of its modes."""
-    w2, d, waves, coupling = (shared[x] for x in ("w2", "drag", "waves", "coupling"))
-    n, F, more = len(w2), len(waves), dict[str, Array]()
+    w2, waves, d, coupled = shared["w2"], shared["waves"], np.diag(shared["damping"]), shared["coupling"] == 2
+    n, F = len(w2), len(waves)
     kind, answer, apart, s = 0, np.zeros((2 * F, n)), np.zeros(n, np.int64), 1j * np.sqrt(w2)
-    if coupling < 2 and not np.any((d * d > (4.0 + CRITICAL) * w2) & (w2 > 0.0)):
+    if not coupled and not np.any((d * d > (4.0 + CRITICAL) * w2) & (w2 > 0.0)):
         kind, s = 1, -0.5 * d + 1j * np.sqrt(np.maximum(w2 - 0.25 * d * d, 0.0))
         answer, apart = particular(w2, d, waves, shared["loads"])
-    elif found := complex_modes(shared) if coupling == 2 else overdamped_modes(shared):
+    elif found := complex_modes(shared) if coupled else overdamped_modes(shared):
         s, out, back, answer = found
         seen = np.ascontiguousarray(np.stack([shared["rows"] @ out[0], shared["rows"] @ out[1]]))
-        kind, more = 2, {"out": out, "back": back, "seen": seen}
+        kind, shared = 2, shared | {"out": out, "back": back, "seen": seen}
     poles = np.array([np.append(s.real, np.zeros(F)), np.append(s.imag, waves)])
     # The length of flights that the modes ``apart`` allow.
     rates, some = 0.5 * np.abs(d) + np.sqrt(0.25 * d * d + w2), apart > 0
     fastest = max(np.max(rates[some]), np.max(waves, initial=0.0)) if np.any(some) else 0.0
     order = np.argsort(np.hypot(*poles), kind="stable")
     return Free(
-        **shared, **more, kind=kind, poles=poles, order=order, answer=answer, apart=apart,
+        **shared, kind=kind, poles=poles, order=order, answer=answer, apart=apart,
         longest=1.0 / fastest if fastest else math.inf,
     )  # fmt: skip
 
@@ -129,7 +115,7 @@ def particular(w2: Array, d: Array, waves: Array, loads: Array) -> tuple[Array, 
 
 def overdamped_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | None:
     """As ``complex_modes``, of decoupled modes: two real poles of one that is overdamped, to rounding."""
-    w2, d, waves, loads = (shared[x] for x in ("w2", "drag", "waves", "loads"))
+    w2, d, waves, loads = shared["w2"], np.diag(shared["damping"]), shared["waves"], shared["loads"]
     n, sigma, square = len(w2), -0.5 * d, w2 - 0.25 * d * d
     answer, apart = particular(w2, d, waves, loads)
     if np.any(apart) or np.any(w2 == 0.0):
@@ -196,32 +182,27 @@ def pressed_modes(w2: Array, rows: Array, kappa: Array) -> tuple[Array, Array]:
     return w[::-1], np.ascontiguousarray(V[::-1])
 
 
-def pressed_system(free: Free) -> Pressed:
-    """The system with its only contact pressed, where that is a spring without a dashpot.
+def with_pressed(free: Free) -> Free:
+    """The free system and, where its only contact is a spring without a dashpot, that with this contact pressed.
 
     Few undamped modes are a series as fast, unless damping makes the series short.
     """
     n, m, damped = len(free.w2), len(free.rows), free.coupling > 0
     if m != 1 or n == 0 or (free.kind != 1 and not damped):
-        return NONE_PRESSED
+        return free
     (kappa, c, _), row, w2 = free.laws[0], free.rows[0], free.w2
     if not np.isfinite(kappa) or c != 0.0 or (n <= FEW and np.max(np.abs(free.drag)) <= 2.0 * np.sqrt(np.max(w2))):
-        return NONE_PRESSED
+        return free
     w, V = pressed_modes(w2, free.rows, free.laws[:, 0])
     D = V @ free.damping @ V.T if damped else np.zeros((n, n))
-    sides: list[Free | None] = []
-    for g in free.stops[0, ::-1]:
-        if not np.isfinite(g):
-            sides.append(None)
-            continue
-        loads = free.loads - kappa * np.outer(free.offsets[:, 0], row)
-        loads[1] += kappa * g * row
-        stated: dict[str, Any] = {
-            x: getattr(free, x) for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")
-        }
-        stated |= {"w2": w**2, "drag": np.diag(D).copy(), "damping": D, "coupling": 2 * int(damped)}
-        stated |= {"rows": np.ascontiguousarray(free.rows @ V.T), "loads": np.ascontiguousarray(loads @ V.T)}
-        sides.append(closed_form(stated))
-        if sides[-1].kind == 0:  # type: ignore[union-attr]
-            return NONE_PRESSED
-    return Pressed(sides[0], sides[1], V)
+    stated: dict[str, Any] = {
+        x: getattr(free, x) for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")
+    }
+    stated |= {"w2": w**2, "damping": D, "coupling": 2 * int(damped), "rows": np.ascontiguousarray(free.rows @ V.T)}
+    sides = dict[str, Free]()
+    for name, g in zip(("low", "up"), free.stops[0], strict=True):
+        if np.isfinite(g):
+            loads = free.loads - kappa * np.outer(free.offsets[:, 0], row)
+            loads[1] += kappa * g * row
+            sides[name] = closed_form(stated | {"loads": np.ascontiguousarray(loads @ V.T)})
+    return free.changed(V=V, **sides) if all(x.kind for x in sides.values()) else free

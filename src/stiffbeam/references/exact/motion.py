@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -21,23 +22,13 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford, in_time
-from ...basics.validation import InputError
-from ...kernels.exact import (
-    NOT_FINITE,
-    STALLED,
-    TOGETHER,
-    Blows,
-    Follower,
-    Free,
-    Marks,
-    press,
-    read,
-)  # fmt: skip
+from ...basics.validation import InputError, exact_value
+from ...kernels.exact import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
+from ...model.contact import Contact
 from ...model.system import System
-from ...model.time_functions import Drive, evaluate, offset_rate, offset_values
+from ...model.time_functions import evaluate, offset_rate, offset_values
 from ...trajectory.trajectory import SolverFailure
-from ..rigid_stops import on_stops, resting, shift_at_start
-from .free import FreeSystem, closed_form, free_system, pressed_system
+from .free import closed_form, free_system, with_pressed
 
 EPS = float(np.finfo(float).eps)
 NO_TIMES = np.zeros(0)
@@ -79,19 +70,58 @@ def require_short(free: Free, length: float) -> None:
             raise SolverFailure("exact", 0.0, reason, "use the solver cvode")
 
 
+LEFT = 1e-12  # of the distance between a rigid stop and a start, relative: the start is on the stop
+
+
+def shift_at_start(contact: Contact) -> float:
+    """The offset at t = 0."""
+    return float(offset_values(contact.offset, np.zeros(1))[0])
+
+
+def on_stops(system: System) -> dict[int, int]:
+    """The contacts on their rigid stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
+    closed = {}
+    for contact, each in enumerate(system.contacts):
+        moved = shift_at_start(each)
+        u = float(each.row @ system.q0) + moved
+        # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
+        whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))
+        for side, g in each.stops.sides:
+            # Within rounding of its stop a contact is on it, neither off nor beyond.
+            if side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
+                if side * (u - g) > LEFT * max(abs(g), abs(moved), whole):
+                    remedy = "move the stop or the start"
+                    raise InputError("initial displacement", u, "lie between rigid stops", remedy)
+                closed[contact] = side
+    return closed
+
+
+def resting(system: System) -> tuple[list[int], list[int]]:
+    """Contacts that start on their stops as they are written, not but for rounding, and those of them at rest there."""
+    on = []
+    for i, side in on_stops(system).items():
+        contact = system.contacts[i]
+        ratio, pi = exact_value(contact.stops.upper if side > 0 else contact.stops.lower)  # type: ignore[arg-type]
+        terms = zip(contact.row.tolist(), system.q0.tolist(), strict=True)
+        # Exact fractions of the numbers as written. What has a factor pi or an offset counts as off the stop.
+        if not pi and not shift_at_start(contact) and sum(Fraction(row) * Fraction(q) for row, q in terms) == ratio:
+            on.append(i)
+    still = [i for i in on if system.contacts[i].offset is None and not np.any(system.contacts[i].row * system.v0)]
+    return on, still
+
+
 class Solver:
     """Solver of one system."""
 
-    def __init__(self, system: System, made: FreeSystem | None = None) -> None:
-        self.system, self.drive, self.together = system, Drive.of(system), TOGETHER
-        self.made = made or free_system(system, self.drive)
-        self.eta, self.rate = self.made.start(system.q0, system.v0)
+    def __init__(self, system: System) -> None:
+        self.system, self.free, self.together = system, free_system(system), TOGETHER
+        self.eta, self.rate = system.q0 @ self.free.into, system.v0 @ self.free.into
         if system.rigid:
             # What is on its stop but for rounding is on it.
-            stops, shifts = self.made.free.stops.copy(), [shift_at_start(x) for x in system.contacts]
+            stops, shifts = self.free.stops.copy(), [shift_at_start(x) for x in system.contacts]
             for i, side in on_stops(system).items():
-                stops[i, int(side > 0)] = float(self.made.free.rows[i] @ self.eta) + shifts[i]
-            self.made = self.made._replace(free=self.made.free.changed(stops=stops))
+                stops[i, int(side > 0)] = float(self.free.rows[i] @ self.eta) + shifts[i]
+            self.free = self.free.changed(stops=stops)
 
     def perturbed(self, size: float, seed: int) -> Solver:
         """A solver of a copy of the problem, whose numbers are off by ``size``, relative, each in its own way.
@@ -99,22 +129,23 @@ class Solver:
         Contacts that are written as on their rigid stops, or at rest there, are so in the copy too; those that reach
         them together in the original may do so one after the other.
         """
-        twin, free, rng = copy(self), self.made.free, np.random.default_rng(seed)
+        twin, free, rng = copy(self), self.free, np.random.default_rng(seed)
 
         def off(x: Array) -> Array:
             return x * (1.0 + size * rng.uniform(-1.0, 1.0, x.shape))
 
-        shared = {x: getattr(free, x) for x in ("coupling", "waves", "edges", "damping", "drag", "meet", "offsets")}
+        kept = "coupling waves edges damping meet offsets X into cancelled"
+        shared = {x: getattr(free, x) for x in kept.split()}
         shared |= {x: off(getattr(free, x)) for x in ("w2", "loads", "rows", "stops", "laws", "pieces")}
-        lost = size * rng.uniform(-1.0, 1.0, self.made.cancelled.shape) * self.made.cancelled
-        shared["loads"] = shared["loads"] + lost @ self.made.X
+        lost = size * rng.uniform(-1.0, 1.0, free.cancelled.shape) * free.cancelled
+        shared["loads"] = shared["loads"] + lost @ free.X
         shared["laws"][:, 2] = free.laws[:, 2]  # restitution 1 is another law than anything below
         twin.eta, twin.rate = off(self.eta), off(self.rate)
         if self.system.rigid:
             twin.together, shared["rows"] = 0.0, free.rows  # contacts that do not move each other stay so
             # Bodies without a force have none: pushed off their stops by rounding they would bounce for ever.
-            forces = free.loads @ self.made.into.T
-            shared["loads"] = free.loads + (off(forces) - forces + lost) @ self.made.X
+            forces = free.loads @ free.into.T
+            shared["loads"] = free.loads + (off(forces) - forces + lost) @ free.X
             # What is zero by symmetry is off as well: who is hit first may decide.
             twin.eta = twin.eta + size * np.max(np.abs(self.eta), initial=0.0) * rng.uniform(-1.0, 1.0, len(self.eta))
             self._keep_on_stops(shared["rows"], shared["stops"], twin, rng)
@@ -122,18 +153,20 @@ class Solver:
             lost = size * np.max(np.abs(free.poles)) * rng.uniform(-1.0, 1.0, free.poles.shape)
             exponentials = np.arange(free.poles.shape[1]) < free.poles.shape[1] - len(free.waves)
             real = (free.poles[1] == 0.0) & (np.arange(2) > 0)[:, None]
-            copied = free.changed(**shared, poles=free.poles + np.where(exponentials & ~real, lost, 0.0))
+            copied = free.changed(
+                **shared, up=None, low=None, poles=free.poles + np.where(exponentials & ~real, lost, 0.0)
+            )
         else:
-            shared["drag"] = off(free.drag)
-            shared["damping"] = np.diag(shared["drag"]) if free.coupling < 2 else off(free.damping)
+            drag = off(free.drag)
+            shared["damping"] = np.diag(drag) if free.coupling < 2 else off(free.damping)
             copied = closed_form(shared)
-        twin.made = self.made._replace(free=copied, pressed=pressed_system(copied))
+        twin.free = with_pressed(copied)
         return twin
 
     @property
     def fastest(self) -> float:
         """The largest angular frequency of the free modes, 1 where there is none."""
-        return math.sqrt(float(np.max(self.made.free.w2))) or 1.0
+        return math.sqrt(float(np.max(self.free.w2))) or 1.0
 
     @cached_property
     def _pressed_at_start(self) -> Array:
@@ -163,68 +196,64 @@ class Solver:
             held = rows[still]
             twin.rate = twin.rate - held.T @ np.linalg.solve(held @ held.T, held @ twin.rate)
 
-    def solve(self, t_end: float, start: tuple[Array, Array] | None = None, stations: Array = NO_TIMES) -> Motion:
-        """The motion on [0, t_end] from q, q' (n,), of the system by default. Raises SolverFailure where it cannot go
-        on; the states at ``stations`` (k,), increasing, are found on the way."""
-        require_short(self.made.free, t_end)
-        return self._followed(self._follower(start), t_end, stations)
+    def solve(
+        self, t_end: float, start: tuple[Array, Array] | None = None, stations: Array = NO_TIMES, t: float = 0.0,
+        sides: IntArray | None = None, fresh: IntArray | None = None,
+    ) -> Motion:  # fmt: skip
+        """The motion on [t, t_end] from q, q' (n,), of the system by default, with the contacts on ``sides`` (m,);
+        fresh: see ``fresh_after``. Raises SolverFailure where it cannot go on; the states at ``stations`` (k,),
+        increasing, are found on the way."""
+        require_short(self.free, t_end - t)
+
+        def check(reached: float, marks: int, events: int) -> None:
+            in_time(reached)
+            floats = 2.0 * marks * (self.system.size + 1)
+            if floats > 2**22:  # a small part tells nothing of the whole
+                afford("t_end", t_end, "shorten t_end", floats=floats / max((reached - t) / (t_end - t), 1e-12))
+            if self.system.rigid and events > MOST_IMPACTS:
+                rule = f"hold at most {MOST_IMPACTS} impacts"
+                raise InputError("t_end", t_end, rule, f"end before t = {reached:.6g}, or take e < 1")
+
+        follower = self._follower(start, t, sides, fresh)
+        result, marks, events, blows, passed = follower.follow(t_end, stations, check)
+        if result != DONE:
+            stalled = "events follow each other without an advance of time"
+            reason = stalled if result == STALLED else "the motion overflows float64"
+            raise SolverFailure("exact", follower.state.t, reason, REMEDY)
+        # Segments begin at the start and behind every event. The last event may come with t_end: no mark is behind it.
+        first = np.unique(np.concatenate([[0], events[3]]))
+        first = first[: np.searchsorted(first, len(marks.t))]
+        seen = (stations, *passed) if len(passed[0]) == len(stations) else None
+        times = marks.t[first]
+        times[0] = t
+        return Motion(
+            self.system, self.free, times, marks.side[first], first, marks, follower.state.evaluations, events, blows,
+            seen,
+        )  # fmt: skip
 
     def _follower(
         self, start: Sequence[Array] | None, t: float = 0.0, sides: IntArray | None = None,
         fresh: IntArray | None = None,
     ) -> Follower:  # fmt: skip
-        eta, rate = (self.eta, self.rate) if start is None else self.made.start(*start)
-        return Follower(self.made.free, self.made.pressed, eta, rate, t, sides, fresh, self.together)
-
-    def trace(self, t: float, sides: IntArray, fresh: IntArray, start: tuple[Array, Array], t_end: float) -> Motion:
-        """The motion on [t, t_end] from q, q' (n,) with the contacts on sides (m,); fresh: see ``fresh_after``."""
-        return self._followed(self._follower(start, t, sides, fresh), t_end, NO_TIMES)
+        eta, rate = (self.eta, self.rate) if start is None else (x @ self.free.into for x in start)
+        return Follower(self.free, eta, rate, t, sides, fresh, self.together)
 
     def sides_at(self, t: float, start: Sequence[Array]) -> IntArray:
         """The sides of contacts that a motion from this state begins with: of gaps that are zero the first derivative
         decides that is not."""
         follower = self._follower(start, t)
         follower.follow(np.nextafter(t, np.inf), NO_TIMES)
-        return follower.whole["side"]
+        return follower.arrays["side"]
 
     def first_event(
         self, t: float, sides: IntArray | None, fresh: IntArray, start: Sequence[Array], t_end: float
     ) -> tuple[float, int, int] | None:
-        """Time, contact and its new side of the first event of ``trace``, None for none. sides None: those ``sides_at``
+        """Time, contact and its new side of the first event of ``solve``, None for none. sides None: those ``sides_at``
         finds."""
         if not self.system.contacts:
             return None
-        require_short(self.made.free, t_end - t)
+        require_short(self.free, t_end - t)
         return self._follower(start, t, sides, None if sides is None else fresh).first_event(t_end)
-
-    def _followed(self, follower: Follower, t_end: float, stations: Array) -> Motion:
-        begun = float(follower.state.t)
-
-        def check(t: float, marks: int, events: int) -> None:
-            in_time(t)
-            floats = 2.0 * marks * (self.system.size + 1)
-            if floats > 2**22:  # a small part tells nothing of the whole
-                afford("t_end", t_end, "shorten t_end", floats=floats / max((t - begun) / (t_end - begun), 1e-12))
-            if self.system.rigid and events > MOST_IMPACTS:
-                rule = f"hold at most {MOST_IMPACTS} impacts"
-                raise InputError("t_end", t_end, rule, f"end before t = {t:.6g}, or take e < 1")
-
-        found = follower.follow(t_end, stations, check)
-        if found.result == STALLED:
-            raise SolverFailure("exact", found.t, "events follow each other without an advance of time", REMEDY)
-        if found.result == NOT_FINITE:
-            raise SolverFailure("exact", found.t, "the motion overflows float64", REMEDY)
-        # Segments begin at the start and behind every event. The last event may come with t_end: no mark is behind it.
-        marks, passed = found.marks, found.passed
-        first = np.unique(np.concatenate([[0], found.events[3]]))
-        first = first[: np.searchsorted(first, len(marks.t))]
-        seen = (stations, *passed) if len(passed[0]) == len(stations) else None
-        times = marks.t[first]
-        times[0] = begun
-        return Motion(
-            self.system, self.made, times, marks.side[first], first, marks, found.evaluations, found.events,
-            found.blows, seen,
-        )  # fmt: skip
 
 
 _NONE, _WHOLE = np.zeros(0), np.zeros(0, np.int64)
@@ -241,14 +270,14 @@ class Motion:
     """
 
     system: System
-    made: FreeSystem
+    free: Free
     times: Array
     sides: IntArray
     first_mark: IntArray
     marks: Marks
     evaluations: int
-    events: tuple[Array, IntArray, IntArray, IntArray]
-    blows: Blows
+    events: Events = NO_EVENTS
+    blows: Blows = NO_BLOWS
     seen: tuple[Array, ...] | None = None  # times and the states there
     last: list[Any] = field(default_factory=list)  # the same of the last times that were read
 
@@ -260,26 +289,21 @@ class Motion:
         kept = {"times": self.times[:count], "sides": self.sides[:count], "first_mark": self.first_mark[:count]}
         return replace(self, **kept, marks=marks, last=[])
 
-    @property
-    def drive(self) -> Drive:
-        """The drive of the system."""
-        return Drive.of(self.system)
-
     @cached_property
     def fastest(self) -> float:
         """A bound of the angular frequencies of all undamped motions and of the drives."""
-        free, pressed = self.made.free, self.made.pressed
-        squares = [float(np.max(x.w2)) for x in (free, pressed.up, pressed.low) if x is not None]
-        if pressed.up is None and pressed.low is None:
+        free = self.free
+        squares = [float(np.max(x.w2)) for x in (free, free.up, free.low) if x is not None]
+        if free.V is None:
             stiff = np.any(np.abs(self.sides) == 1, axis=0) & np.isfinite(free.laws[:, 0])
             squares[0] += float(np.sum((free.laws[:, 0] * np.diag(free.meet))[stiff]))
-        return max(math.sqrt(max(squares)), *self.drive.frequencies, 1e-300)
+        return max(math.sqrt(max(squares)), *free.waves.tolist(), 1e-300)
 
     def piece_at(self, t: Array) -> NDArray[np.int64]:
         """The segment that each time t (k,) lies in; an event belongs to the segment it begins."""
         return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
 
-    def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array, Array]:
+    def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> States:
         """eta, eta' (k, n) and reactions of held contacts (k, m) at times t (k,) as the given segments have them."""
         t = np.array(t, float)
         if piece is None:
@@ -287,7 +311,7 @@ class Motion:
                 if kept is not None and np.array_equal(kept[0], t):
                     return kept[1:]  # type: ignore[return-value]
         mark = self.mark_at(t, self.piece_at(t) if piece is None else piece)
-        found = read(self.made.free, self.made.pressed, self.marks, t, mark)
+        found = read(self.free, self.marks, t, mark)
         if piece is None:
             self.last[:] = [(t, *found)]
         return found
@@ -300,12 +324,12 @@ class Motion:
     def states(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
         """q, q' (k, n) at any times, as the given segments have them, whose ends they may be."""
         eta, rate, _ = self._read(t, piece)
-        return eta @ self.made.X.T, rate @ self.made.X.T
+        return eta @ self.free.X.T, rate @ self.free.X.T
 
     def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
         """row @ q and its rate at any times, (k,)."""
         eta, rate, _ = self._read(t)
-        row = row @ self.made.X
+        row = row @ self.free.X
         return eta @ row, rate @ row
 
     def path(self, t: Array, channel: int) -> tuple[Array, Array]:
@@ -322,7 +346,7 @@ class Motion:
 
     def press(self, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:
         """Peak |sigma| and the integral of |sigma| in the spans [starts, ends] (k,) of contact, in order."""
-        return press(self.made.free, self.made.pressed, self.marks, contact, starts, ends)
+        return press(self.free, self.marks, contact, starts, ends)
 
     def reactions(self, t: Array) -> Array:
         """Forces (k, m) of rigid stops on the positions of held contacts at any times."""
@@ -331,7 +355,7 @@ class Motion:
     def work(self, edges: Array) -> tuple[Array, Array, Array]:
         """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,
         which include every event: Gauss's rule in parts in which the motion turns by pi or decays by e at most."""
-        span, n, free = float(edges[-1] - edges[0]), self.system.size, self.made.free
+        span, n, free = float(edges[-1] - edges[0]), self.system.size, self.free
         require_short(free, span)
         turning, dashpots = self.fastest, float(free.laws[:, 1] @ np.diag(free.meet))
         decay = float(np.linalg.norm(free.damping, 2)) + dashpots
@@ -342,7 +366,7 @@ class Motion:
         # Behind events and samples what decays is fast at first: parts that double.
         doublings = max(0, math.ceil(math.log2(max(decay * longest, 1.0))))
         grades = np.append(0.0, 2.0 ** np.arange(doublings) / max(decay, 1e-300))
-        begun = np.concatenate([self.times, self.drive.edges])
+        begun = np.concatenate([self.times, free.edges])
         at = np.linspace(edges[0], edges[-1], 2 + int(span / longest))
         at = np.unique(np.concatenate([edges, at, np.add.outer(begun, grades).ravel()]))
         at = at[(at >= edges[0]) & (at <= edges[-1])]
@@ -355,11 +379,11 @@ class Motion:
 
     def _powers(self, t: Array) -> Array:
         """Powers at times t (k,) of loads and moving stops, of the damping, and of the stops' dashpots, (3, k)."""
-        free, piece = self.made.free, self.piece_at(t)
-        eta, rate, force = read(free, self.made.pressed, self.marks, t, self.mark_at(t, piece))
+        free, piece = self.free, self.piece_at(t)
+        eta, rate, force = read(free, self.marks, t, self.mark_at(t, piece))
         given, stops = np.zeros(len(t)), np.zeros(len(t))
         for vector, function in self.system.loads:
-            given += evaluate(function, t) * (rate @ (vector @ self.made.X))
+            given += evaluate(function, t) * (rate @ (vector @ free.X))
         lost = np.sum(rate * (rate @ free.damping.T), axis=1) if free.coupling == 2 else rate**2 @ free.drag
         for i, contact in enumerate(self.system.contacts):
             side, moves = self.sides[piece, i], offset_rate(contact.offset, t)

@@ -190,7 +190,15 @@ def require_periodic(system: System, period: float) -> None:
     """Raise InputError for loads that do not repeat after a period, and for stops without an exact solution."""
     require_system(system)
     period = positive("period", period)
-    _repeats(system, period)
+    for part in (x for function in system.time_functions for x in parts_of(function)):
+        if isinstance(part, Sampled):
+            rule = "be made of Harmonic and Constant for a periodic orbit"
+            raise InputError("time function", part, rule, "write the record as a sum of harmonics")
+        if isinstance(part, Harmonic):
+            turns = period * float(part.frequency) / (2.0 * np.pi)
+            if abs(turns - round(turns)) > REPEATS * turns or round(turns) < 1:
+                rule = f"be a multiple of 2 pi/{part.frequency!r}, the period of a load"
+                raise InputError("period", period, rule, f"for example {2.0 * np.pi / part.frequency!r}")
     refuse(system, period)
 
 
@@ -251,20 +259,6 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, float]:
         reason = f"Newton's method does not close the orbit: {defect:.1e} of it is left"
         raise SolverFailure("periodic_orbit", mapping.period, reason, "give a closer guess, as a neighbouring orbit")
     return z, defect
-
-
-def _repeats(system: System, period: float) -> None:
-    """Raise InputError for loads and stop motions that do not repeat after a period."""
-    for function in system.time_functions:
-        for part in parts_of(function):
-            if isinstance(part, Sampled):
-                rule = "be made of Harmonic and Constant for a periodic orbit"
-                raise InputError("time function", part, rule, "write the record as a sum of harmonics")
-            if isinstance(part, Harmonic):
-                turns = period * float(part.frequency) / (2.0 * np.pi)
-                if abs(turns - round(turns)) > REPEATS * turns or round(turns) < 1:
-                    rule = f"be a multiple of 2 pi/{part.frequency!r}, the period of a load"
-                    raise InputError("period", period, rule, f"for example {2.0 * np.pi / part.frequency!r}")
 
 
 def _guessed(mapping: PeriodMap, guess: Any) -> Array:

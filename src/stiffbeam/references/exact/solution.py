@@ -10,6 +10,8 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, positive
@@ -18,7 +20,6 @@ from ...model.time_functions import Sampled, covered, parts_of, require_closed_f
 from ...trajectory.records import as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
-from ..rigid_stops import require_rigid
 from .contacts import audit, audit_rigid, exact_ledger, record_of, within_float64
 from .derivative import derivative
 from .motion import Motion, Solver
@@ -94,17 +95,39 @@ def reference_of(
 
 
 def refuse(system: System, t_end: float) -> None:
-    """Raise InputError for laws that are not linear between events, for time functions without a closed form, for
-    damped stops that move by samples, for samples that end before t_end, and for what ``require_rigid`` refuses."""
+    """Raise InputError for what has no exact solution.
+
+    Laws that are not linear between events, functions of time without a closed form, samples that end before t_end, and
+    damped stops that move by samples. Of rigid stops, which have to be all of one kind, those without restitution,
+    contacts that follow from each other, and stops that move along a polygon: at its corners the contact point has no
+    velocity.
+    """
     if not system.passive:
         rule = "take energy from every motion for the exact solution"
         raise InputError("damping", "a matrix that gives energy", rule, "use dop853 or cvode-adams")
-    if system.rigid:
-        return require_rigid(system, t_end)
     for contact in system.contacts:
-        contact.stops.require_linear("the exact solution", damped=True)
-        if contact.stops.damping > 0.0 and any(isinstance(part, Sampled) for part in parts_of(contact.offset)):
-            rule, remedy = "be made of Harmonic and Constant where the stop is damped", "use the adaptive solver cvode"
-            raise InputError("contact.offset", contact.offset, rule, remedy)
-    require_closed_form(system.time_functions, "a closed form")
+        stops, records = contact.stops, [x for x in parts_of(contact.offset) if isinstance(x, Sampled)]
+        if not system.rigid:
+            stops.require_linear("the exact solution", damped=True)
+            if stops.damping > 0.0 and records:
+                rule = "be made of Harmonic and Constant where the stop is damped"
+                raise InputError("contact.offset", contact.offset, rule, "use the adaptive solver cvode")
+        elif not stops.rigid:
+            raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
+        elif stops.restitution is None:
+            remedy = "give one, or condense the contact node into a stop of its own stiffness K_bb"
+            raise InputError("stops.restitution", None, "be given for rigid stops", remedy)
+        elif any(x.degree < 2 for x in records):
+            rule = "have a velocity at its samples, where it moves a rigid stop"
+            raise InputError("contact.offset", contact.offset, rule, 'take samples of kind "cubic"')
     covered(system.time_functions, t_end)
+    if not system.rigid:
+        return require_closed_form(system.time_functions, "a closed form")
+    require_closed_form(system.time_functions, "the exact solution with rigid stops", "use a scheme with an impact law")
+    rows = np.array([contact.row for contact in system.contacts])
+    # Dependent rows make row M^-1 row^T singular: impulses and reactions would not be unique.
+    least, most = np.linalg.eigvalsh(rows @ np.linalg.solve(system.mass, rows.T))[[0, -1]]
+    if not least > 1e-12 * most:
+        rule = "be independent of each other for rigid stops"
+        remedy = "leave one out; stops on both sides of one row are one, Stops(lower=, upper=)"
+        raise InputError("contacts", f"{len(rows)} that follow from each other", rule, remedy)

@@ -22,7 +22,7 @@ from ...basics.resources import afford
 from .motion import Motion
 from .variation import RADIANS, STEP, Variation
 
-GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event, see ``grazes``
+GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event
 CHUNK = 1_000_000  # numbers of a series at once
 
 
@@ -158,8 +158,9 @@ class Tangent:
     def _reached(self, i: int, y: Array, contact: int, side: int) -> tuple[Array, Array]:
         """Gap and rate of the contact that meets its stop in y (1 + D, N), with their derivatives; notes a graze."""
         h, slopes, size = self.gap(y, contact, side)
-        curve = self.variation.base.rate[contact] @ (self.regimes[i - 1].A @ y[0])
-        if grazes(np.append(h, 0.5 * curve), size, self.graze):
+        curve = float(self.variation.base.rate[contact] @ (self.regimes[i - 1].A @ y[0]))
+        # The parabola with h' and h'' turns within ``graze`` of the terms of h, of this size.
+        if h[1] ** 2 <= 2.0 * abs(curve) * self.graze * size:
             self.grazes.append(float(self.times[i]))
         return h, slopes
 
@@ -196,11 +197,3 @@ class Tangent:
         """Derivative of q, q' at the end of the path in the directions of its start, (2n, D)."""
         X, n = self.variation.X, self.variation.n
         return np.vstack([X @ self.end[:, :n].T, X @ self.end[:, n:].T])
-
-
-def grazes(h: Array, size: float, depth: float = GRAZE) -> bool:
-    """Return True if a zero of h, of coefficients (k,), is a graze to rounding: h'^2 <= 2 |h''| depth size.
-
-    The parabola with h' and h'' turns within ``depth`` of the terms of h, of this size.
-    """
-    return float(h[1]) ** 2 <= 4.0 * abs(float(h[2])) * depth * size

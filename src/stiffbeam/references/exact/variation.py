@@ -22,7 +22,7 @@ from ...basics.arrays import Array
 from ...basics.validation import InputError
 from ...model.system import System
 from ...model.system_data import SystemData, data_of, load_terms, offset_terms
-from ...model.time_functions import Constant, Drive, Harmonic, Sampled, moved
+from ...model.time_functions import Constant, Harmonic, Sampled, moved
 from .free import free_system, pressed_modes
 
 TERMS = 33  # of a series over RADIANS: 4^33/33! is below rounding
@@ -120,11 +120,11 @@ class Variation:
     """A system in its free modes, and neighbours off by i STEP times the derivatives of its data, ``columns``."""
 
     def __init__(self, system: System, columns: Sequence[SystemData] = ()) -> None:
-        made = free_system(system, Drive.of(system))
-        self.system, self.X, self.into, self.free = system, made.X, made.into, made.free
-        self.n, self.m, self.P = system.size, len(system.contacts), len(columns)
-        data, exact = self._in_modes(data_of(system)), {"mass": np.eye(self.n), "rows": made.free.rows}
-        exact |= {"stiffness": np.diag(made.free.w2), "damping": made.free.damping}
+        self.system, self.free = system, free_system(system)
+        self.X, self.into = self.free.X, self.free.into
+        self.n, self.P = system.size, len(columns)
+        data, exact = self._in_modes(data_of(system)), {"mass": np.eye(self.n), "rows": self.free.rows}
+        exact |= {"stiffness": np.diag(self.free.w2), "damping": self.free.damping}
         self.data = SystemData(**(vars(data) | exact))
         self.base, self.columns = Numbers(system, self.data), [self._in_modes(x) for x in columns]
         for x, y in ((x, y) for x, y in vars(self.data).items() if np.any(y)):

@@ -92,13 +92,15 @@ class Block(NamedTuple):
 
 
 class Split:
-    """The flow of G (N, N) in ``blocks``, at the current precision, from a V (N, N) by float64.
+    """The flow with compliant contacts on the given sides (m,), in ``blocks``, at the current precision.
 
-    Of the coordinates those from ``drives`` on depend on themselves alone; their columns may begin as unit vectors.
+    Of the coordinates those from ``drives`` on depend on themselves alone.
     """
 
-    def __init__(self, G: Any, V: Any, blocks: list[Block], drives: int) -> None:
-        self.G, self.V, self.N, self.blocks, self.drives = G, V, G.nrows(), blocks, drives
+    def __init__(self, flow: LinearFlow, sides: Sequence[int]) -> None:
+        self.G, self.N, self.drives = flow.closed(sides), flow.N, 2 * flow.n
+        V, self.blocks = by_float64(flow, self.G)
+        self.V = V
         # Refine. Blocks that cannot be separated are joined, and the refinement starts anew from the V it was given.
         target = ctx.prec
         try:
@@ -185,12 +187,6 @@ def _turning(T: Any) -> tuple[Any, Any, Any] | None:
         return None
     frequency = square.sqrt().mid()
     return decay.mid(), frequency, [(x / frequency).mid() for x in (half, T[0, 1], T[1, 0])]
-
-
-def split_of(flow: LinearFlow, sides: Sequence[int]) -> Split:
-    """The flow with compliant contacts on the given sides (m,)."""
-    G = flow.closed(sides)
-    return Split(G, *by_float64(flow, G), drives=2 * flow.n)
 
 
 def by_float64(flow: LinearFlow, G: Any) -> tuple[Any, list[Block]]:

@@ -12,10 +12,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
-import flint
 import numpy as np
 from flint import arb, arb_mat, ctx
 
@@ -24,23 +22,14 @@ from ...basics.resources import afford, clock, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import Marks
 from ...model.system import System
-from ...model.time_functions import Drive, Sampled, parts_of
+from ...model.time_functions import Sampled, parts_of
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.motion import (
-    NO_BLOWS,
-    NO_EVENTS,
-    NO_TIMES,
-    Motion,
-    Solver,
-    fresh_after,
-    pressed,
-    switched_by_force,
-)
+from ..exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, switched_by_force
 from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
 from ..registry import Request, output_times
-from .linear_flow import LinearFlow, Split, split_of
+from .linear_flow import LinearFlow, Split
 from .rational import carried
 
 BITS = math.log2(10.0)
@@ -79,30 +68,26 @@ def solve(request: Request) -> Reference:
     # Solve with more and more digits until two runs agree.
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
     previous: Reference | None = None
-    while True:
-        if wanted > MAX_DIGITS:
-            raise SolverFailure("multiprecision", t_end, f"{wanted} digits are not enough", "shorten t_end")
-        notes: dict[str, Any] = {
-            "digits": wanted,
-            "parameters": "doubles; exact: " + ("; ".join(system.exact_parameters) or "none"),
-            "python-flint": flint.__version__,
-        }
+    while wanted <= MAX_DIGITS:
+        exact = "; ".join(system.exact_parameters) or "none"
+        notes: dict[str, Any] = {"digits": wanted, "parameters": f"doubles; exact: {exact}"}
         solution = carry(system, t_end, wanted, guard, output_times(t_eval, t_end))
         run = reference_of(solution, t_end, t_eval, begun, "multiprecision", notes)
         if previous is not None:
-            horizon = _agreement(previous, run)
+            horizon, before = _agreement(previous, run), previous.provenance["digits"]
             # A fixed number of digits is confirmed once: the horizon tells how far it is good.
             if horizon >= t_end or digits != "auto":
                 notes = {
-                    "digits_confirmed_with": previous.provenance["digits"],
+                    "digits_confirmed_with": before,
                     "horizon": horizon,
-                    "horizon_against": f"itself with {previous.provenance['digits']} digits",
+                    "horizon_against": f"itself with {before} digits",
                     "horizon_tolerance": f"|du| <= {AGREEMENT:g} max|u| at the output times, the same events",
                 }
                 return replace(run, horizon=horizon, provenance=run.provenance | notes)
         previous = run
         # The guard grows too: other outputs then reveal cancellation that it did not cover.
         wanted, guard = math.ceil(1.25 * wanted) + 15, math.ceil(1.25 * guard) + 50
+    raise SolverFailure("multiprecision", t_end, f"{wanted} digits are not enough", "shorten t_end")
 
 
 def carry(system: System, t_end: float, digits: int, guard: int = GUARD_BITS, outputs: Array = NO_TIMES) -> Motion:
@@ -173,7 +158,7 @@ class PreciseSolver:
 
     def __init__(self, system: System, t_end: float, full: int, guard: int) -> None:
         self.system, self.t_end, self.full, self.guard = system, t_end, full, guard
-        self.room, self.drive, self.solver, self.flow = ctx.prec, Drive.of(system), Solver(system), LinearFlow(system)
+        self.room, self.solver, self.flow = ctx.prec, Solver(system), LinearFlow(system)
         self.regimes: dict[tuple[int, ...], Split] = {}
 
     def follow(self) -> list[Piece]:
@@ -213,7 +198,7 @@ class PreciseSolver:
         key = tuple(pressed(sides).tolist())
         if key not in self.regimes:
             with carried(self.room):
-                self.regimes[key] = split_of(self.flow, key)
+                self.regimes[key] = Split(self.flow, key)
         split, share = self.regimes[key], min(1.0, begun / self.t_end)
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
         ctx.prec = max(self.guard, math.ceil(self.full - (self.full - self.guard) * share)) + 30
@@ -229,12 +214,17 @@ class PreciseSolver:
         rates: Any = np.array([x for split in self.regimes.values() for block in split.blocks for x in block.values])
         begun = float(piece.t)
         fastest = max(1.0 / self.t_end, float(np.max(np.abs(rates))))
-        turning = max(1.0 / self.t_end, *self.drive.frequencies, float(np.max(np.abs(rates.imag))))
+        turning = max(1.0 / self.t_end, *self.flow.drive.frequencies, float(np.max(np.abs(rates.imag))))
         before = piece.sides[contact]
         form, split = self.flow.gap(contact, int(np.sign(side or before)), switched_by_force(before, side)), piece.split
         with carried(self.room):
             gap = (arb_mat([x.entries() for x in (form, form * split.G)]) * split.V).mid()
-        tau, shift, y = _locate(partial(_at, piece, gap), start - begun, fastest, 2.0 * np.pi / turning, begun)
+
+        def gap_at(tau: Any) -> tuple[Any, Any, Any]:
+            y = split.ahead(piece.y, tau)
+            return *(gap * y).mid().entries(), y  # type: ignore[return-value]
+
+        tau, shift, y = _locate(gap_at, start - begun, fastest, 2.0 * np.pi / turning, begun)
         return (piece.t + tau + shift).mid(), shift, y
 
     def motion(self, pieces: list[Piece], outputs: Array) -> Motion:
@@ -245,21 +235,16 @@ class PreciseSolver:
         # Marks in order of time; those of one time in order of the pieces.
         times, piece = np.concatenate([begun, outputs]), np.concatenate([np.arange(len(pieces)), of])
         order = np.argsort(times, kind="stable")
-        states = self.solver.made.start(*np.split(np.array([*(x.state for x in pieces), *seen]), 2, axis=1))
+        whole = np.array([*(x.state for x in pieces), *seen])
+        states = [x @ self.solver.free.into for x in np.split(whole, 2, axis=1)]
         sides = np.array([x.sides for x in pieces], np.int64).reshape(len(pieces), m)[piece[order]]
         first = np.flatnonzero([True, *np.any(sides[1:] != sides[:-1], axis=1)])  # the marks of events
         times, (eta, rate) = times[order], (np.ascontiguousarray(x[order]) for x in states)
         at_outputs = outputs, *(x[len(pieces) :] for x in states), np.zeros((len(outputs), m))
         return Motion(
-            self.system, self.solver.made, times[first], sides[first], first, Marks(times, eta, rate, sides),
-            len(pieces), NO_EVENTS, NO_BLOWS, at_outputs,
+            self.system, self.solver.free, times[first], sides[first], first, Marks(times, eta, rate, sides),
+            len(pieces), seen=at_outputs,
         )  # fmt: skip
-
-
-def _at(piece: Piece, gap: Any, tau: Any) -> tuple[Any, Any, Any]:
-    """A gap and its rate at tau after the start of a piece, and y there."""
-    y = piece.split.ahead(piece.y, tau)
-    return *(gap * y).mid().entries(), y  # type: ignore[return-value]
 
 
 def _locate(
