@@ -15,7 +15,7 @@ from ..basics.validation import Frozen, InputError, constants, instance, number,
 from ..kernels.march import contact_forces
 from . import contact_law
 from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, stored
-from .time_functions import TimeFunction, motion_function, offset_rate, offset_values
+from .time_functions import TimeFunction, offset_rate, offset_values, time_function
 
 STIFFEST = 1e200  # of a compliant stop: times a compliance it has to be a number
 
@@ -104,7 +104,7 @@ class Stops(Frozen):
         if self.position is not None:
             vars(self)["position"] = number("stops.position", self.position, exact=True, least=0.0)
         if self.motion is not None:
-            motion_function("stops.motion", self.motion)
+            time_function("stops.motion", self.motion, moves=True)
 
     def __repr__(self) -> str:
         """The fields; exponent, damping and so on only where they differ from the linear law's."""
@@ -266,7 +266,7 @@ class Contact(Frozen):
                 rule = "be None in a contact, which has row and offset"
                 raise InputError(f"contact.stops.{name}", getattr(self.stops, name), rule, remedy)
         if self.offset is not None:
-            motion_function("contact.offset", self.offset)
+            time_function("contact.offset", self.offset, moves=True)
 
 
 def channel_position(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Array) -> Array:

@@ -21,7 +21,7 @@ from ..basics.validation import Frozen, InputError, as_doubles, constants, exact
 from .beam import beam_field
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
-from .time_functions import LoadFunction, TimeFunction, description, evaluate, load_function
+from .time_functions import LoadFunction, TimeFunction, description, evaluate, time_function
 
 if TYPE_CHECKING:
     from .right_hand_side import ODE
@@ -113,7 +113,7 @@ def loads_of(loads: Any, n: int) -> tuple[tuple[Array, LoadFunction], ...]:
     for load in sequence("loads", loads, rule, "for none write ()"):
         if not isinstance(load, (tuple, list)) or len(load) != 2:
             raise InputError("loads", load, rule, "for example ([0, 0, 1], Constant(1.0))")
-        checked.append((finite_vector("loads", load[0], n), load_function("loads", load[1])))
+        checked.append((finite_vector("loads", load[0], n), time_function("loads", load[1])))
     return tuple(checked)
 
 

@@ -323,7 +323,7 @@ class Superposition(Derivable):
             rule, remedy = "have at least one function of time", "for none give Constant(0.0)"
             raise InputError("Superposition", "nothing", rule, remedy)
         for function in functions:
-            motion_function("Superposition", function)
+            time_function("Superposition", function, moves=True)
         vars(self)["terms"] = tuple((1.0, function) for function in functions)
 
     @classmethod
@@ -411,20 +411,16 @@ def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
                 part.covers(0.0, t_end)
 
 
-def load_function(field: str, function: Any) -> Any:
-    """``function`` if it is one of time: a TimeFunction, or a callable."""
-    remedy = "for example Constant(0.1)"
-    if not isinstance(function, TimeFunction) and not callable(function):
-        raise InputError(field, function, "be a Harmonic, a Constant or a function of time", remedy)
+def time_function(field: str, function: Any, moves: bool = False) -> Any:
+    """``function`` if it is one of time: a TimeFunction, or a callable. A base or a stop that ``moves`` by it takes its
+    rate and acceleration too."""
     if isinstance(function, type):
-        raise InputError(field, function.__name__, "be a function of time, not a class", remedy)
+        raise InputError(field, function.__name__, "be a function of time, not a class", "for example Constant(0.1)")
+    if not isinstance(function, TimeFunction) and (moves or not callable(function)):
+        kinds = "be a Harmonic, a Constant or a function of time"
+        rule = "have value(t), rate(t) and acceleration(t)" if callable(function) else kinds
+        raise InputError(field, function, rule, "for example Harmonic(0.1, 2.0)")
     return function
-
-
-def motion_function(field: str, function: Any) -> None:
-    """Raise InputError unless a base or a stop can move by the function, which takes its rate and acceleration."""
-    if not isinstance(load_function(field, function), TimeFunction):
-        raise InputError(field, function, "have value(t), rate(t) and acceleration(t)", "use Harmonic or Sampled")
 
 
 def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
