@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, Recent, content
 from ..basics.validation import InputError, integer, numbers
-from .equations import Modal
+from .equations import Equation
 from .problem import ratios_of
 from .system import System, require_system
 
@@ -80,9 +80,9 @@ class Modes:
         return np.divide(0.5 * self.damping, self.omega, out=unknown, where=self.omega > 0.0)
 
     @property
-    def equation(self) -> Modal:
+    def equation(self) -> Equation:
         """The decoupled equations as a scheme sees them."""
-        return Modal(self.omega, self.damping)
+        return Equation(np.ones_like(self.omega), self.damping, self.omega**2)
 
     def to_modal(self, q: Array) -> Array:
         """eta = shapes^T M q; q of shape (..., n)."""

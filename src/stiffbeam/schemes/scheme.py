@@ -15,7 +15,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..model.equations import FULLY_IMPLICIT, Equation, Modal
+from ..model.equations import FULLY_IMPLICIT, Equation
 
 if TYPE_CHECKING:
     from ..model.contact import Stops
@@ -195,7 +195,7 @@ def takes_stops(scheme: Scheme, stops: Iterable[Stops]) -> bool:
 
 
 _KEPT: set[tuple[type, str]] = set()  # the schemes of this package that have been found to keep it
-TWO_MODES = Modal(np.array([0.7, 1.9]), np.array([0.1, 0.3]))
+TWO_MODES = Equation(np.ones(2), np.array([0.1, 0.3]), np.array([0.7, 1.9]) ** 2)
 TOLERANCE = 1e-10  # of rounding; a broken contract shows at order one
 
 
