@@ -132,7 +132,7 @@ def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[Arra
 @np.errstate(over="ignore", invalid="ignore")  # of exponentials whose place cosine and sine take
 def _modal_flow(mass: Array, damping: Array, squares: Array, t: float) -> tuple[Array, Array, Array]:
     """``_flow`` of each mode of mass 1; squares: omega^2."""
-    E, P, Q = _flow(*(x[:, None, None] for x in (mass, damping, squares)), t)
+    E, P, Q = _flow(mass[:, None, None], damping[:, None, None], squares[:, None, None], t)
     # Of fast modes the exponential loses what the phase turns by: cosine and sine keep their size.
     wide = np.sqrt(np.maximum(squares - 0.25 * damping**2, 0.0))
     fast = wide * t > 1.0
