@@ -13,9 +13,8 @@ from ..basics.arrays import Array, aligned, copied
 from ..basics.resources import afford
 from ..kernels import march as kernel
 from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Progress, Span
-from ..model.contact import channel_motion, laws
-from ..model.contact_law import all_laws
-from ..model.contact_law import jumps as force_jumps
+from ..model.contact import all_laws, channel_motion, laws
+from ..model.contact import jumps as force_jumps
 from ..model.system import System
 from ..schemes import Scheme
 from ..trajectory.recorder import end_tallies, forces_at, overflow, record, start_tallies
