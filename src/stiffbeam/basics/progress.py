@@ -6,11 +6,11 @@ import sys
 import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from multiprocessing import current_process
+from types import SimpleNamespace
 from typing import Any
 
 from .validation import InputError
@@ -19,18 +19,9 @@ Show = Callable[[str, int, int], None]
 WAIT = 3.0  # s of work, after which a call from Python shows what is going on
 
 
-@dataclass
-class Talk:
-    """Amount of progress output: nothing with ``--quiet``.
-
-    kept: True once a part is finished and stored that the same command, run again, does not compute again.
-    """
-
-    quiet: bool = False
-    kept: bool = False
-
-
-TALK = Talk()
+# quiet: no output, as with ``--quiet``. kept: a part is finished and stored that the same command, run again, does not
+# compute again.
+TALK = SimpleNamespace(quiet=False, kept=False)
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -42,7 +33,7 @@ class Display:
     seconds."""
 
     def __init__(self, what: str, asked: bool) -> None:
-        self.now = (what, 0, 0)
+        self.now, self.opens = (what, 0, 0), False
         self.bar = self.drawn() if asked else None
         self.timer = threading.Timer(WAIT, self.open)
         self.timer.daemon = True
@@ -60,11 +51,10 @@ class Display:
 
     def open(self) -> None:
         """Show the bar, or the line."""
+        self.opens = True
         self.bar = self.drawn()
         if self.bar is None:
             print(f"stiffbeam: {WAIT:g} s so far, now {self.now[0]}", file=sys.stderr, flush=True)
-        elif self.timer.finished.is_set():  # the call has ended meanwhile
-            self.bar.stop()
 
     def drawn(self) -> Any:
         """The bar, None where it cannot be drawn."""
@@ -84,6 +74,8 @@ class Display:
     def close(self) -> None:
         """End the display."""
         self.timer.cancel()
+        if self.opens:  # maybe at this moment
+            self.timer.join()
         if self.bar is not None:
             self.bar.stop()
 

@@ -125,20 +125,18 @@ class Origin(Frozen):
     stiffness was replaced therefore has no factor from the old one, and no beam: it never gets data that do not belong
     to its matrices. The comparison costs n^2 and is made once.
 
-    cells: of the grid. tip: the row of u(L, t). stiffness_factor: G with G^T G = stiffness. made: the system, with one
-    contact per stops of the problem, in order.
+    cells: of the grid. stiffness_factor: G with G^T G = stiffness. made: the system, with one contact per stops of the
+    problem, in order.
     """
 
     problem: BeamProblem
     form: str
     cells: int
-    tip: Array
     stiffness_factor: Array
     made: System
 
     def __post_init__(self) -> None:
-        for name in ("tip", "stiffness_factor"):
-            vars(self)[name] = read_only(getattr(self, name))
+        vars(self)["stiffness_factor"] = read_only(self.stiffness_factor)
 
     def has_matrices_of(self, system: System) -> bool:
         """Return True if mass, damping and stiffness are still those of the origin."""
@@ -168,7 +166,8 @@ class Origin(Frozen):
         for original, stops in zip(self.made.contacts, self.problem.all_stops, strict=True):
             if same(original.row, contact.row) and original.offset == contact.offset:
                 return replace(contact.stops, position=stops.position, motion=stops.motion)
-        return contact.stops if contact.offset is None and same(contact.row, self.tip) else None
+        tip, _ = self.made.channels[self.made.tip_channel]
+        return contact.stops if contact.offset is None and same(contact.row, tip) else None
 
 
 class ModelData(TypedDict, total=False):
