@@ -17,7 +17,7 @@ def test_work_of_seconds_shows_itself_once(colour, monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", colour) if colour else monkeypatch.delenv("FORCE_COLOR", raising=False)
     for asked in (None, True, False):
         with progress.working("counting", asked), progress.working("inside") as show:
-            time.sleep(0.12)
+            time.sleep(0.3)
             show("never", 0, 0)
         said = capsys.readouterr().err
         assert ("counting" in said) == (asked is not False)
