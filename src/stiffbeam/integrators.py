@@ -16,7 +16,7 @@ import numpy as np
 from .basics.resources import clock
 from .basics.validation import InputError
 from .march.integrate import integrate
-from .model.equations import Matrices
+from .model.equations import Equation
 from .model.system import System
 from .references import solve
 from .references.registry import ADAPTIVE, REFERENCES, RTOL
@@ -83,7 +83,7 @@ class Integrator:
         if self.kind != SCHEME:
             return False
         one, zero = np.eye(1), np.zeros(1)
-        equation, still = Matrices(one, one, one), [zero] * len(self.source.nodes)
+        equation, still = Equation(one, one, one), [zero] * len(self.source.nodes)
         start = self.source.initial(equation, [np.zeros((2, 1))] * self.source.history, zero)
         self.source.step(equation, 1.0, start, still, still)
         return any(key != (0.0, 0.0) for key in equation.solved)

@@ -90,7 +90,7 @@ FAULTS = [
     ("schemes", "schemes/labels.py", "if parameter not in names:", "if False:"),
     ("schemes", "schemes/labels.py", 'r",(?![^(]*\\))"', 'r","'),
     # model
-    ("model", "model/contact.py", "exact=True, least=plain))", "exact=True))"),
+    ("model", "model/contact.py", "exact=True, least=plain)", "exact=True)"),
     ("model", "model/semidiscretisation.py", "offset = combined((1.0 - share**2, problem.base)", "offset = combined((1.0 - share, problem.base)"),
     ("model", "model/semidiscretisation.py", "weights[cell], weights[cell + 1] = 1.0 - theta, theta", "weights[cell], weights[cell + 1] = theta, 1.0 - theta"),
     ("model", "model/semidiscretisation.py", "mass[-1] += problem.tip_mass", "mass[-1] += 0.5 * problem.tip_mass"),

@@ -14,7 +14,7 @@ import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
 from stiffbeam.kernels.march import contact_forces
 from stiffbeam.kernels.rhs import THROUGH
-from stiffbeam.model import contact_law
+from stiffbeam.model import contact
 from stiffbeam.model.right_hand_side import contact_force
 from stiffbeam.references.adaptive.diffrax import float64_on_the_processor
 
@@ -81,7 +81,7 @@ def test_c_numpy_and_jax_have_one_law(sides, exponent, damping, dissipation):
         assert np.allclose(slopes, np.transpose(jax.vmap(of_one)(u, v)), rtol=1e-13, atol=1e-15)
 
 
-@pytest.mark.parametrize("chosen", list(itertools.product((False, True), repeat=len(contact_law.LINEAR))))
+@pytest.mark.parametrize("chosen", list(itertools.product((False, True), repeat=len(contact.LINEAR))))
 def test_the_terms_are_of_one_law(chosen):
     """Force, slopes, energy, secants and inverses against each other, whichever parameters are not those of the linear
     law; and a law of which a closed form is promised has it. A term that is forgotten in one of them fails here."""
@@ -89,7 +89,7 @@ def test_the_terms_are_of_one_law(chosen):
     for _ in range(20):
         changed = {
             name: plain + rng.uniform(0.2, 2.0) if use else plain
-            for use, (name, plain) in zip(chosen, contact_law.LINEAR.items(), strict=True)
+            for use, (name, plain) in zip(chosen, contact.LINEAR.items(), strict=True)
         }
         stops = sb.Stops(upper=0.0, stiffness=rng.uniform(0.5, 5.0), **changed)
         assert_one_law(stops, *rng.uniform(0.1, 2.0, 3))
@@ -97,17 +97,17 @@ def test_the_terms_are_of_one_law(chosen):
 
 def assert_one_law(stops: sb.Stops, d: float, e: float, rate: float, h: float = 1e-5) -> None:
     law = stops.coefficients
-    f, U, press = (partial(of, law=law) for of in (contact_law.elastic, contact_law.stored, contact_law.pressure))
+    f, U, press = (partial(of, law=law) for of in (contact.elastic, contact.stored, contact.pressure))
     assert math.isclose(f(d), (U(d + h) - U(d - h)) / (2 * h), rel_tol=1e-6)
-    assert math.isclose(contact_law.chord(d, law), f(d) / d, rel_tol=1e-14)
+    assert math.isclose(contact.chord(d, law), f(d) / d, rel_tol=1e-14)
     assert (f(-d), U(-d), press(d, 0.0)) == (-f(d), U(d), f(d))
-    assert f(contact_law.depth_under(f(d), law)) >= f(d) * (1.0 - 1e-12)
-    assert U(contact_law.depth_holding(U(d), law)) >= U(d) * (1.0 - 1e-12)
-    assert contact_law.damps(law) == (press(d, rate) != press(d, 0.0))
-    assert contact_law.jumps(law) == (press(0.0, rate) != 0.0)
+    assert f(contact.depth_under(f(d), law)) >= f(d) * (1.0 - 1e-12)
+    assert U(contact.depth_holding(U(d), law)) >= U(d) * (1.0 - 1e-12)
+    assert contact.damps(law) == (press(d, rate) != press(d, 0.0))
+    assert contact.jumps(law) == (press(0.0, rate) != 0.0)
     bent = press(2 * d, 2 * rate) - 2 * press(d, rate)
     affine = abs(bent) <= 1e-12 * press(d, rate)
-    assert stops.linear == (affine and not contact_law.damps(law))
+    assert stops.linear == (affine and not contact.damps(law))
     depths = np.array([-d, 0.0, e])
     assert np.allclose(press(depths, rate), [press(float(x), rate) for x in depths], rtol=1e-14)
 

@@ -9,7 +9,7 @@ from systems import case_of, one_mass, three_masses
 from witness import solve
 
 import stiffbeam as sb
-from stiffbeam.model.equations import Matrices, Modal
+from stiffbeam.model.equations import Equation
 from stiffbeam.schemes import GAMMA_THIRD_ORDER, PrintedSigma, PrintedStageMatrix, UnweightedHHT, registered
 from stiffbeam.schemes.labels import parse_run, split_runs
 from stiffbeam.schemes.sdirk import GAMMA_MAX, GAMMA_MIN
@@ -24,7 +24,7 @@ CONSERVING = [sb.Trapezoidal(), sb.ExponentialFlow()]
 def test_a_reaction_acts_as_a_load_does(scheme):
     """So that the textbook's formula under loads is also the one under contact."""
     rng, S = np.random.default_rng(3), len(scheme.nodes)
-    equation = Matrices(np.diag([1.0, 2.0]), np.diag([0.3, 0.1]), np.array([[5.0, -1.0], [-1.0, 4.0]]))
+    equation = Equation(np.diag([1.0, 2.0]), np.diag([0.3, 0.1]), np.array([[5.0, -1.0], [-1.0, 4.0]]))
     z = scheme.initial(equation, list(rng.normal(size=(scheme.history, 2, 2))), rng.normal(size=2))
     force, none = list(rng.normal(size=(S, 2))), [np.zeros(2)] * S
     loaded, reacted = (scheme.step(equation, 0.1, z, *pair) for pair in ((force, none), (none, force)))
@@ -185,10 +185,10 @@ def test_the_flow_of_modes_is_the_matrix_exponential(seed):
     rng = np.random.default_rng(seed)
     omega = np.array([0.0, 1e-3, 0.3, 0.999, 1.0, 1.7, 30.0]) * 10.0 ** rng.uniform(-1, 1)
     damping = rng.choice([0.0, 0.1, 2.0, 20.0], size=7) * rng.random(7)
-    equation, t = Modal(omega, damping), 10.0 ** rng.uniform(-1, 0.5)
+    equation, t = Equation(np.ones(7), damping, omega**2), 10.0 ** rng.uniform(-1, 0.5)
     y, f0, f1 = rng.normal(size=(2, 7)), rng.normal(size=7), rng.normal(size=7)
     found = equation.flow(t, y, f0, f1)
-    full = Matrices(np.eye(7), np.diag(damping), np.diag(omega**2)).flow(t, y, f0, f1)
+    full = Equation(np.eye(7), np.diag(damping), np.diag(omega**2)).flow(t, y, f0, f1)
     for j in range(7):
         A = np.array([[0, 1, 0, 0], [-(omega[j] ** 2), -damping[j], 1, 0], [0, 0, 0, 1], [0, 0, 0, 0]])
         want = scipy.linalg.expm(A * t) @ [*y[:, j], f0[j], (f1[j] - f0[j]) / t]

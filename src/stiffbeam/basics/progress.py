@@ -6,11 +6,11 @@ import sys
 import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from multiprocessing import current_process
+from types import SimpleNamespace
 from typing import Any
 
 from .validation import InputError
@@ -19,18 +19,9 @@ Show = Callable[[str, int, int], None]
 WAIT = 3.0  # s of work, after which a call from Python shows what is going on
 
 
-@dataclass
-class Talk:
-    """Amount of progress output: nothing with ``--quiet``.
-
-    kept: True once a part is finished and stored that the same command, run again, does not compute again.
-    """
-
-    quiet: bool = False
-    kept: bool = False
-
-
-TALK = Talk()
+# quiet: no output, as with ``--quiet``. kept: a part is finished and stored that the same command, run again, does not
+# compute again.
+TALK = SimpleNamespace(quiet=False, kept=False)
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -42,17 +33,11 @@ class Display:
     and after each threefold of them."""
 
     def __init__(self, what: str, asked: bool) -> None:
-        self.now = (what, 0, 0)
+        self.now, self.ended, self.opens = (what, 0, 0), threading.Event(), False
         self.bar = self.drawn() if asked else None
-        self.timer = self.waiting(WAIT, WAIT)
+        self.thread = threading.Thread(target=self.watch, daemon=True)
         if self.bar is None:
-            self.timer.start()
-
-    def waiting(self, seconds: float, passed: float) -> threading.Timer:
-        """Timer that opens the display in so many seconds, when ``passed`` will have passed in all."""
-        timer = threading.Timer(seconds, self.open, (passed,))
-        timer.daemon = True
-        return timer
+            self.thread.start()
 
     def show(self, what: str, done: int, total: int) -> None:
         """State that ``done`` of ``total`` parts are done, total 0 where it is not known."""
@@ -63,18 +48,17 @@ class Display:
             change = self.bar.reset if total != of or done < before else self.bar.update
             change(self.bar.task_ids[0], description=what, completed=done, total=total or None)
 
-    def open(self, passed: float) -> None:
-        """Show the bar, or a line."""
-        self.bar = self.drawn()
-        ended = self.timer.finished.is_set()  # the call has ended meanwhile
-        if self.bar is None and not ended:
+    def watch(self) -> None:
+        """Show the bar, or a line now and then."""
+        passed, wait = 0.0, WAIT
+        while not self.ended.wait(wait):
+            self.opens, passed = True, passed + wait
+            self.bar, wait = self.drawn(), 2.0 * passed
+            if self.bar is not None:
+                return
             what, done, total = self.now
             share = f", {100 * done // total} % done" if done and total else ""
             print(f"stiffbeam: {passed:g} s so far, now {what}{share}", file=sys.stderr, flush=True)
-            self.timer = self.waiting(2.0 * passed, 3.0 * passed)
-            self.timer.start()
-        elif self.bar is not None and ended:
-            self.bar.stop()
 
     def drawn(self) -> Any:
         """The bar, None where it cannot be drawn."""
@@ -93,7 +77,9 @@ class Display:
 
     def close(self) -> None:
         """End the display."""
-        self.timer.cancel()
+        self.ended.set()
+        if self.opens:  # maybe at this moment
+            self.thread.join()
         if self.bar is not None:
             self.bar.stop()
 

@@ -155,13 +155,11 @@ def read_netcdf(file: Path) -> xr.Dataset:
 
     remedy = "make it again"
     try:
-        size = file.stat().st_size if file.is_file() else 0
-        if size <= LARGEST:
+        if file.stat().st_size <= LARGEST:
             with h5py.File(file) as whole:  # what h5netcdf asks first; where that fails its own file is not closed
                 whole.attrs.get("_nc3_strict")
             with xr.open_dataset(file, engine="h5netcdf", decode_cf=False, cache=False) as data:
-                size = data.nbytes
-                if size <= LARGEST:
+                if data.nbytes <= LARGEST:
                     return data.load()
     except Exception as error:  # whatever HDF5 raises for a damaged file, or one that another tool has written
         raise InputError("file", str(file), "be a whole netCDF-4 file", f"{remedy}: {error}") from None

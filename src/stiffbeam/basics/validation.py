@@ -129,13 +129,6 @@ def positive(field: str, value: Any, exact: bool = False, most: float = math.inf
     return result
 
 
-def bound(field: str, value: Any) -> float:
-    """``value`` as a float that may be infinite."""
-    if isinstance(value, (float, np.floating)) and math.isinf(value):
-        return float(value)
-    return number(field, value)
-
-
 def integer(field: str, value: Any, least: int) -> int:
     """``value`` as a whole number >= ``least``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:

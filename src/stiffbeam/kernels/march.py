@@ -102,7 +102,7 @@ class Inflow(NamedTuple):
 class Progress(NamedTuple):
     """State of a run and its contact statistics. Updated in place."""
 
-    law: Array  # (m, 6), the laws of every contact, see contact_law
+    law: Array  # (m, 6), the laws of every contact, see contact.Law
     z: Array  # (D + (a - 1) n,)
     position: Array  # (C,) at the last step
     velocity: Array  # (C,)

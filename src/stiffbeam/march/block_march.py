@@ -14,9 +14,8 @@ from ..basics.resources import afford
 from ..kernels import march as kernel
 from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Progress, Span
 from ..kernels.march import states as single_steps
-from ..model.contact import channel_motion, laws
-from ..model.contact_law import all_laws
-from ..model.contact_law import jumps as force_jumps
+from ..model.contact import all_laws, channel_motion, laws
+from ..model.contact import jumps as force_jumps
 from ..model.system import System
 from ..model.time_functions import evaluate
 from ..schemes import Scheme

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..model.equations import Equation, Matrices, Modal
+from ..model.equations import Equation
 from ..model.modes import Modes
 from ..model.system import System
 from ..schemes import Scheme
@@ -25,7 +25,7 @@ class Coordinates:
         self.system, self.basis = system, basis
         self.rows = np.array([self.vector(row) for row, _ in system.channels])
         self.columns = self.rows[: len(system.contacts)]
-        self.parts, self.equation = 1, Matrices(system.mass, system.damping, system.stiffness)
+        self.parts, self.equation = 1, Equation(system.mass, system.damping, system.stiffness)
         if basis is not None:
             self.parts, self.equation = len(basis.omega), basis.equation
 
@@ -163,7 +163,7 @@ def independent(scheme: Scheme, dt: float, extrapolated: bool = False) -> tuple[
     of what it does to the position. Returns (keep, mix), mix of shape (kept, a).
     """
     rates, decay = np.array([0.4, 1.1, 2.3]) / dt, np.array([0.3, 0.2, 0.5]) / dt
-    equation, n = Modal(rates, decay), len(rates)
+    equation, n = Equation(np.ones(3), decay, rates**2), len(rates)
     # A unit of every component, on all motions at once, without forces.
     a = components(scheme, equation, n)
     z = np.zeros((a, a, n))

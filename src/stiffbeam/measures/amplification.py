@@ -12,7 +12,7 @@ from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, number, numbers, one_of
 from ..march.probe import components
-from ..model.equations import Modal
+from ..model.equations import Equation
 from ..model.modes import modes
 from ..schemes import Scheme
 from ..schemes.scheme import require_scheme
@@ -129,7 +129,7 @@ def amplification(
 def _kernel_roots(scheme: Scheme, x: Array, xi: float) -> Array:
     """Eigenvalues (len(x), a) of a step with dt = 1 on independent oscillators, from unit states."""
     omega = 2.0 * np.pi * x
-    equation, n = Modal(omega, 2.0 * xi * omega), len(x)
+    equation, n = Equation(np.ones_like(omega), 2.0 * xi * omega, omega**2), len(x)
     units = np.eye(components(scheme, equation, n))[..., None] * np.ones(n)
     none = [np.zeros(units.shape[1:])] * len(scheme.nodes)
     return np.linalg.eigvals(np.transpose(scheme.step(equation, 1.0, units, none, none)[0], (2, 0, 1)))

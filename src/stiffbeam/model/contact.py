@@ -6,18 +6,93 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, read_only
 from ..basics.validation import Frozen, InputError, constants, instance, number, positive
-from ..kernels.march import contact_forces
-from . import contact_law
-from .contact_law import G1, G2, LAW, LINEAR, Law, all_laws, damps, stored
-from .time_functions import TimeFunction, motion_function, offset_rate, offset_values
+from ..kernels.march import LAW, contact_forces
+from .time_functions import TimeFunction, offset_rate, offset_values, time_function
 
 STIFFEST = 1e200  # of a compliant stop: times a compliance it has to be a number
+
+# Parameters beside the stiffness, in the order of ``Law``, each with its value in the linear law.
+LINEAR = {"exponent": 1.0, "damping": 0.0, "dissipation": 0.0}
+
+
+class Law(NamedTuple):
+    """The parameters of the law in the form for kernels, with the stops g1 and g2. An array of laws has them in this
+    order.
+
+    Those after g2 stand in the order of ``LINEAR``.
+    """
+
+    kappa: float
+    g1: float  # the lower stop, -inf for none
+    g2: float
+    p: float
+    c: float
+    lam: float
+
+
+def all_laws(law: Array) -> Law:
+    """An array of laws (.., 6) as one Law of arrays (..)."""
+    return Law._make(np.moveaxis(law, -1, 0))
+
+
+# ---------------------------------------------------------------- the terms of the law, see Stops
+#
+# They are arithmetic alone, on numbers, NumPy arrays or JAX arrays. A new term is a field of ``Stops``, its place in
+# ``Law``, a change of these, and the same in kernels/law.h; a test holds both against each other.
+
+
+def power(d: Any, p: float) -> Any:
+    """d^p for d > 0, odd in d, so that it goes on smoothly where a root is sought beyond the stop."""
+    # The sign by arithmetic: this line runs on floats, NumPy arrays and JAX arrays.
+    return d if p == 1.0 else (2.0 * (d >= 0.0) - 1.0) * abs(d) ** p
+
+
+def elastic(d: Any, law: Law) -> Any:
+    """f(d), odd in d."""
+    return law.kappa * power(d, law.p)
+
+
+def chord(d: Any, law: Law) -> Any:
+    """f(d)/d of d > 0: the stiffness of a linear spring with the same force."""
+    return law.kappa * d ** (law.p - 1.0)
+
+
+def stored(d: Any, law: Law) -> Any:
+    """U(d), even in d."""
+    return 0.5 * law.kappa * d * d if law.p == 1.0 else law.kappa * abs(d) ** (law.p + 1.0) / (law.p + 1.0)
+
+
+def depth_under(force: Any, law: Law) -> Any:
+    """The depth at which f is ``force``."""
+    return (force / law.kappa) ** (1.0 / law.p)
+
+
+def depth_holding(energy: Any, law: Law) -> Any:
+    """The depth at which U is ``energy``."""
+    return ((law.p + 1.0) * energy / law.kappa) ** (1.0 / (law.p + 1.0))
+
+
+def pressure(d: Any, rate: Any, law: Law) -> Any:
+    """f(d) (1 + lambda d') + c d', not yet cut off at zero."""
+    return elastic(d, law) * (1.0 + law.lam * rate) + law.c * rate
+
+
+def jumps(law: Law) -> Any:
+    """Return True where F jumps when the gap closes with a velocity other than zero: a state on the stop does not tell
+    the force."""
+    return law.c > 0.0
+
+
+def damps(law: Law) -> Any:
+    """Return True where F depends on the velocity."""
+    return jumps(law) | (law.lam > 0.0)
 
 
 @dataclass(frozen=True, repr=False)
@@ -104,7 +179,7 @@ class Stops(Frozen):
         if self.position is not None:
             vars(self)["position"] = number("stops.position", self.position, exact=True, least=0.0)
         if self.motion is not None:
-            motion_function("stops.motion", self.motion)
+            time_function("stops.motion", self.motion, moves=True)
 
     def __repr__(self) -> str:
         """The fields; exponent, damping and so on only where they differ from the linear law's."""
@@ -144,7 +219,7 @@ class Stops(Frozen):
 
     @cached_property
     def coefficients(self) -> Law:
-        """(kappa, g1, g2, p, c, lambda) as the functions of contact_law take them."""
+        """(kappa, g1, g2, p, c, lambda) as the terms of the law take them."""
         return Law(
             float(self.stiffness), self.lower_bound, self.upper_bound, *(float(getattr(self, name)) for name in LINEAR)
         )
@@ -168,7 +243,7 @@ class Stops(Frozen):
     @property
     def jumps(self) -> bool:
         """Return True where F jumps when the gap closes with a velocity other than zero."""
-        return contact_law.jumps(self.coefficients)
+        return jumps(self.coefficients)
 
     def penetration(self, v: ArrayLike) -> Array:
         """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
@@ -266,7 +341,7 @@ class Contact(Frozen):
                 rule = "be None in a contact, which has row and offset"
                 raise InputError(f"contact.stops.{name}", getattr(self.stops, name), rule, remedy)
         if self.offset is not None:
-            motion_function("contact.offset", self.offset)
+            time_function("contact.offset", self.offset, moves=True)
 
 
 def channel_position(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Array) -> Array:
@@ -280,7 +355,7 @@ def channel_motion(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Arr
 
 
 def laws(contacts: Sequence[Contact]) -> Array:
-    """The laws of all contacts, (m, 6), see contact_law."""
+    """The laws of all contacts, (m, 6), see Law."""
     return np.array([contact.stops.law for contact in contacts]).reshape(-1, LAW)
 
 
@@ -292,10 +367,10 @@ def linear(contacts: Sequence[Contact]) -> bool:
 def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     """The stop of a contact that exists at t = 0, +-1, or 0: a start exactly on a stop that does not leave it is
     contact, see ``Impacts``."""
-    g1, g2 = law[..., G1], law[..., G2]
+    _, g1, g2, *_ = stops = all_laws(law)
     upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
     side = upper * 1.0 - lower * 1.0
-    damped = damps(all_laws(law))
+    damped = damps(stops)
     if np.any(damped):  # a damped stop may have let go before the gap opens
         pressed = -np.sign(contact_forces(u0, v0, law))
         on = (u0 == g2) | (u0 == g1)

@@ -26,27 +26,50 @@ FULLY_IMPLICIT = (
 
 
 class Equation:
-    """M q'' + C q' + K q = f. Subclasses give mass, damping, stiffness and solve."""
+    """M q'' + C q' + K q = f by its matrices (n, n), or by their diagonals (n,) where modes decouple it.
+
+    Factorisations and exponentials are kept, so that steps of one length pay for one. ``solved`` has them by the pairs
+    (a, b) of ``solve`` and by ("flow", t).
+    """
+
+    def __init__(self, mass: Array, damping: Array, stiffness: Array) -> None:
+        self._mass, self._damping, self._stiffness = mass, damping, stiffness
+        self.solved: dict[tuple[Any, ...], Any] = {}
 
     def mass(self, x: Array) -> Array:
-        """M x."""
-        raise NotImplementedError
+        """M x for every row of x, shape (..., n)."""
+        return _product(self._mass, x)
 
     def damping(self, x: Array) -> Array:
-        """C x."""
-        raise NotImplementedError
+        """C x for every row of x."""
+        return _product(self._damping, x)
 
     def stiffness(self, x: Array) -> Array:
-        """K x."""
-        raise NotImplementedError
+        """K x for every row of x."""
+        return _product(self._stiffness, x)
 
     def solve(self, a: float, b: float, x: Array) -> Array:
-        """(M + a C + b K)^-1 x."""
-        raise NotImplementedError
+        """(M + a C + b K)^-1 x for every row of x."""
+        if self._mass.ndim == 1:
+            return x / (self._mass + a * self._damping + b * self._stiffness)
+        if (a, b) not in self.solved:
+            self.solved[a, b] = _solver(self._mass + a * self._damping + b * self._stiffness)
+        flat = x.reshape(-1, x.shape[-1]).T
+        # An overflow goes on as infinity, which the march sees.
+        return self.solved[a, b](flat, check_finite=False).T.reshape(x.shape)
 
     def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
         """y after the time t under a force that goes linearly from force0 to force1, exactly."""
-        raise NotImplementedError
+        decoupled = self._mass.ndim == 1
+        if ("flow", t) not in self.solved:
+            make = _modal_flow if decoupled else _flow
+            self.solved["flow", t] = make(self._mass, self._damping, self._stiffness, t)
+        E, P, Q = self.solved["flow", t]
+        if decoupled:
+            terms = (E[..., 0], y[0]), (E[..., 1], y[1]), (P[..., 0], force0), (Q[..., 0], force1 - force0)
+            return np.array([sum(column[:, i] * x for column, x in terms) for i in range(2)])
+        new = np.concatenate(list(y), axis=-1) @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
+        return np.array(np.split(new, 2, axis=-1))
 
     def net_force(self, y: Array, force: Array) -> Array:
         """f - C q' - K q."""
@@ -74,46 +97,8 @@ class Equation:
         return np.array([r[1] + c * acceleration, acceleration])
 
 
-class Matrices(Equation):
-    """Matrices (n, n); factorisations are kept, so a fixed step pays for one."""
-
-    def __init__(self, mass: Array, damping: Array, stiffness: Array) -> None:
-        self._mass, self._damping, self._stiffness = mass, damping, stiffness
-        self._factors: dict[tuple[Any, ...], Any] = {}
-
-    @property
-    def solved(self) -> list[tuple[Any, ...]]:
-        """The pairs (a, b) of all solves, and ("flow", t) of flows."""
-        return list(self._factors)
-
-    def mass(self, x: Array) -> Array:
-        """M x for every row of x, shape (..., n)."""
-        return x @ self._mass
-
-    def damping(self, x: Array) -> Array:
-        """C x for every row of x."""
-        return x @ self._damping.T
-
-    def stiffness(self, x: Array) -> Array:
-        """K x for every row of x."""
-        return x @ self._stiffness
-
-    def solve(self, a: float, b: float, x: Array) -> Array:
-        """By triangular factors, kept for every pair (a, b); x has shape (..., n)."""
-        # A run of fixed steps uses one pair (a, b) or a few: each is factorised once.
-        if (a, b) not in self._factors:
-            self._factors[a, b] = _solver(self._mass + a * self._damping + b * self._stiffness)
-        flat = x.reshape(-1, x.shape[-1]).T
-        # An overflow goes on as infinity, which the march sees.
-        return self._factors[a, b](flat, check_finite=False).T.reshape(x.shape)
-
-    def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
-        """By the exponential of the block matrix of (q, v), kept for every t."""
-        if ("flow", t) not in self._factors:
-            self._factors["flow", t] = _flow(self._mass, self._damping, self._stiffness, t)
-        E, P, Q = self._factors["flow", t]
-        new = np.concatenate(list(y), axis=-1) @ E.T + force0 @ P.T + (force1 - force0) @ Q.T
-        return np.array(np.split(new, 2, axis=-1))
+def _product(matrix: Array, x: Array) -> Array:
+    return matrix * x if matrix.ndim == 1 else x @ matrix.T
 
 
 def _solver(matrix: Array) -> Callable[..., Array]:
@@ -145,9 +130,9 @@ def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[Arra
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of exponentials whose place cosine and sine take
-def _modal_flow(damping: Array, squares: Array, t: float) -> tuple[Array, Array, Array]:
-    """``_flow`` of each mode; squares: omega^2."""
-    E, P, Q = _flow(np.ones((len(squares), 1, 1)), damping[:, None, None], squares[:, None, None], t)
+def _modal_flow(mass: Array, damping: Array, squares: Array, t: float) -> tuple[Array, Array, Array]:
+    """``_flow`` of each mode of mass 1; squares: omega^2."""
+    E, P, Q = _flow(mass[:, None, None], damping[:, None, None], squares[:, None, None], t)
     # Of fast modes the exponential loses what the phase turns by: cosine and sine keep their size.
     wide = np.sqrt(np.maximum(squares - 0.25 * damping**2, 0.0))
     fast = wide * t > 1.0
@@ -160,35 +145,3 @@ def _modal_flow(damping: Array, squares: Array, t: float) -> tuple[Array, Array,
     P[fast, :, 0] = np.array([V, S]).T
     Q[fast, :, 0] = np.array([(1.0 - (S + c * V) / t) / k, V / t]).T
     return E, P, Q
-
-
-class Modal(Equation):
-    """Mass-normalised modes: M = I, C = diag(damping), K = diag(omega^2)."""
-
-    def __init__(self, omega: Array, damping: Array) -> None:
-        self._damping, self._stiffness = damping, omega**2
-        self._flows: dict[float, tuple[Array, ...]] = {}
-
-    def mass(self, x: Array) -> Array:
-        """x: the modes are mass-normalised."""
-        return x
-
-    def damping(self, x: Array) -> Array:
-        """x times the damping of each mode."""
-        return self._damping * x
-
-    def stiffness(self, x: Array) -> Array:
-        """x times omega^2 of each mode."""
-        return self._stiffness * x
-
-    def solve(self, a: float, b: float, x: Array) -> Array:
-        """One division a mode."""
-        return x / (1.0 + a * self._damping + b * self._stiffness)
-
-    def flow(self, t: float, y: Array, force0: Array, force1: Array) -> Array:
-        """By ``_modal_flow``, kept for every t."""
-        if t not in self._flows:
-            self._flows[t] = _modal_flow(self._damping, self._stiffness, t)
-        E, P, Q = self._flows[t]
-        terms = (E[..., 0], y[0]), (E[..., 1], y[1]), (P[..., 0], force0), (Q[..., 0], force1 - force0)
-        return np.array([sum(column[:, i] * x for column, x in terms) for i in range(2)])

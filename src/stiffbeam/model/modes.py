@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, wraps
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, Recent, content
 from ..basics.validation import InputError, integer, numbers
-from .equations import Modal
+from .equations import Equation
 from .problem import ratios_of
 from .system import System, require_system
 
@@ -80,9 +80,9 @@ class Modes:
         return np.divide(0.5 * self.damping, self.omega, out=unknown, where=self.omega > 0.0)
 
     @property
-    def equation(self) -> Modal:
+    def equation(self) -> Equation:
         """The decoupled equations as a scheme sees them."""
-        return Modal(self.omega, self.damping)
+        return Equation(np.ones_like(self.omega), self.damping, self.omega**2)
 
     def to_modal(self, q: Array) -> Array:
         """eta = shapes^T M q; q of shape (..., n)."""
@@ -95,14 +95,6 @@ class Modes:
     def force(self, vector: Array) -> Array:
         """shapes^T f, of a load vector or a contact row (..., n)."""
         return vector @ self.shapes
-
-
-_RECENT: Recent[Any] = Recent(16)
-
-
-def undamped_modes(system: System) -> Modes:
-    """The modes of ``system`` without its damping, which always decouple."""
-    return _RECENT.get(("undamped", *matrices(system)), lambda: _undamped(system))
 
 
 def modes(system: System, count: int | None = None) -> Modes:
@@ -138,26 +130,44 @@ def modes(system: System, count: int | None = None) -> Modes:
     return replace(found, omega=found.omega[:count], shapes=found.shapes[:, :count], damping=found.damping[:count])
 
 
+def _kept(of_system: Callable[[System], Any]) -> Callable[[System], Any]:
+    """A function of the matrices of a system, with its last results."""
+    recent = Recent[Any](16)
+
+    def found(system: System) -> Any:
+        linear = system.mass, system.damping, system.stiffness, system.stiffness_factor
+        return recent.get(tuple(map(content, linear)), lambda: of_system(system))
+
+    return wraps(of_system)(found)
+
+
+@_kept
+@np.errstate(over="ignore")  # refused by ``_within_float64``
+def undamped_modes(system: System) -> Modes:
+    """The modes of ``system`` without its damping, which always decouple."""
+    into, back = _root(system.mass)
+    factor = system.stiffness_factor
+    # A start by singular values of a factor of K, which lose w_max/w_1 instead of its square, or by eigenvalues.
+    if factor is not None:
+        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
+        squares, vectors = omega[::-1] ** 2, vectors[::-1].T
+    else:
+        scaled = 0.5 * into(into(system.stiffness).T)
+        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
+    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))
+    omega = np.sqrt(np.maximum(squares, 0.0))
+    shapes = shapes * np.where(_largest(shapes) < 0.0, -1.0, 1.0)  # equal systems have equal modes
+    return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
+
+
+@_kept
+@np.errstate(over="ignore")  # refused by ``_within_float64``
 def decoupled_modes(system: System) -> Modes | None:
     """The modes of ``system``, or None if damping couples them: by more than what rounding each entry of the matrices
-    would do, however small that is beside the damping of other modes.
-
-    With the mass M = R^T R and the factor K = G^T G, omega are the singular values of G R^-1: the error is eps w_max in
-    each omega. Without a factor they are the roots of eigenvalues, eps omega in each (``graded_eigenpairs``).
-    """
-    if not system.damped:
-        return undamped_modes(system)
-    return _RECENT.get(("damped", *matrices(system)), lambda: _damped(system))
-
-
-def matrices(system: System) -> tuple[bytes, ...]:
-    """Digests of the matrices of ``system`` and of the factor of its stiffness, on which its modes depend."""
-    return tuple(map(content, (system.mass, system.damping, system.stiffness, system.stiffness_factor)))
-
-
-@np.errstate(over="ignore")  # refused by ``_within_float64``
-def _damped(system: System) -> Modes | None:
+    would do, however small that is beside the damping of other modes."""
     basis = undamped_modes(system)
+    if not system.damped:
+        return basis
     damping = _within_float64("damping", basis.shapes.T @ system.damping @ basis.shapes)
     # Couplings below the rounding of the entries are none.
     damping = uncoupled(system.damping, basis.shapes, damping, basis.omega == 0.0)
@@ -183,27 +193,6 @@ def _proportional(system: System) -> bool:
         if np.all(np.abs(C - sum(terms)) <= 16.0 * EPS * sum(np.abs(term) for term in terms)):
             return True
     return False
-
-
-@np.errstate(over="ignore")  # refused by ``_within_float64``
-def _undamped(system: System) -> Modes:
-    into, back = _root(system.mass)
-    factor = system.stiffness_factor
-    # A start by singular values of a factor of K, which lose w_max/w_1 instead of its square, or by eigenvalues.
-    if factor is not None:
-        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
-        squares, vectors = omega[::-1] ** 2, vectors[::-1].T
-    else:
-        scaled = 0.5 * into(into(system.stiffness).T)
-        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
-        # Rounding makes zeros slightly negative; a larger negative square is in the matrix.
-        if squares[0] < -1e-9 * squares[-1]:
-            remedy = "look at the signs and the supports it was made with"
-            raise InputError("stiffness", f"least eigenvalue {squares[0]:.3g}", "be positive semidefinite", remedy)
-    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))
-    omega = np.sqrt(np.maximum(squares, 0.0))
-    shapes = shapes * np.where(_largest(shapes) < 0.0, -1.0, 1.0)  # equal systems have equal modes
-    return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
 
 
 def _complex_modes(system: System) -> Modes:

@@ -13,7 +13,7 @@ from ..basics.arrays import Array
 from ..basics.units import Units, units_labels
 from ..basics.validation import Frozen, InputError, instance, number, numbers, one_of, positive, sequence
 from .contact import Stops
-from .time_functions import LoadFunction, TimeFunction, derivative, load_function, motion_function
+from .time_functions import LoadFunction, TimeFunction, derivative, time_function
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class PointLoad(Frozen):
 
     def __post_init__(self) -> None:
         vars(self)["position"] = positive("load.position", self.position, exact=True)
-        load_function("load.time", self.time)
+        time_function("load.time", self.time)
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class DistributedLoad(Frozen):
     def __post_init__(self) -> None:
         if not callable(self.shape):
             raise InputError("load.shape", self.shape, "be a function of x", "for example PolynomialProfile((1.0,))")
-        load_function("load.time", self.time)
+        time_function("load.time", self.time)
 
 
 Load = PointLoad | DistributedLoad
@@ -219,7 +219,7 @@ class BeamProblem(Frozen):
         self._check_supports()
         self._check_stops()
         if self.base is not None:
-            motion_function("base", self.base)
+            time_function("base", self.base, moves=True)
             derivative(self.base, 2)  # it acts by its acceleration, which a polygon does not have
         rule, remedy = "hold PointLoad and DistributedLoad only", "for example PointLoad(0.5, Constant(1.0))"
         single = isinstance(self.loads, (PointLoad, DistributedLoad))

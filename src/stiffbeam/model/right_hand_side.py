@@ -19,8 +19,7 @@ from ..basics.text import several
 from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import THROUGH, Equations, function_address
 from .beam import velocity_curvature_matrices
-from .contact import channel_motion, channel_position, laws
-from .contact_law import Law, damps, pressure
+from .contact import Law, channel_motion, channel_position, damps, laws, pressure
 from .time_functions import Drive, Sampled, breakpoints_of, evaluate, in_closed_form, parts_of, require_closed_form
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..basics.arrays import Array
-from .contact import Contact
-from .contact_law import chord, depth_holding, depth_under, stored
+from .contact import Contact, chord, depth_holding, depth_under, stored
 from .modes import undamped_modes
 from .system import System
 from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, parts, parts_of

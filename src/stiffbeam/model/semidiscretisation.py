@@ -143,9 +143,8 @@ def _system(problem: BeamProblem, form: str, cells: int, grid: Grid) -> System:
         q0=grid.values(lambda x: (base if u0 is None else u0(x)) - base * (1.0 - (x / L) ** 2)),
         v0=grid.values(lambda x: (0.0 if v0 is None else v0(x)) - speed * (1.0 - (x / L) ** 2)),
     )
-    origin = Origin(
-        problem=problem, form=form, cells=cells, tip=grid.tip, stiffness_factor=grid.stiffness_factor, made=system
-    )
+    factor = grid.stiffness_factor
+    origin = Origin(problem=problem, form=form, cells=cells, stiffness_factor=factor, made=system)
     return replace(system, origin=origin)
 
 

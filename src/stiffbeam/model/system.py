@@ -21,7 +21,7 @@ from ..basics.validation import Frozen, InputError, as_doubles, constants, exact
 from .beam import beam_field
 from .contact import Contact, Stops, channel_position
 from .problem import BeamProblem
-from .time_functions import LoadFunction, TimeFunction, description, evaluate, load_function
+from .time_functions import LoadFunction, TimeFunction, description, evaluate, time_function
 
 if TYPE_CHECKING:
     from .right_hand_side import ODE
@@ -114,7 +114,7 @@ def loads_of(loads: Any, n: int) -> tuple[tuple[Array, LoadFunction], ...]:
     for load in sequence("loads", loads, rule, "for none write ()"):
         if not isinstance(load, (tuple, list)) or len(load) != 2:
             raise InputError("loads", load, rule, "for example ([0, 0, 1], Constant(1.0))")
-        checked.append((finite_vector("loads", load[0], n), load_function("loads", load[1])))
+        checked.append((finite_vector("loads", load[0], n), time_function("loads", load[1])))
     return tuple(checked)
 
 
@@ -126,20 +126,18 @@ class Origin(Frozen):
     stiffness was replaced therefore has no factor from the old one, and no beam: it never gets data that do not belong
     to its matrices. The comparison costs n^2 and is made once.
 
-    cells: of the grid. tip: the row of u(L, t). stiffness_factor: G with G^T G = stiffness. made: the system, with one
-    contact per stops of the problem, in order.
+    cells: of the grid. stiffness_factor: G with G^T G = stiffness. made: the system, with one contact per stops of the
+    problem, in order.
     """
 
     problem: BeamProblem
     form: str
     cells: int
-    tip: Array
     stiffness_factor: Array
     made: System
 
     def __post_init__(self) -> None:
-        for name in ("tip", "stiffness_factor"):
-            vars(self)[name] = read_only(getattr(self, name))
+        vars(self)["stiffness_factor"] = read_only(self.stiffness_factor)
 
     def has_matrices_of(self, system: System) -> bool:
         """Return True if mass, damping and stiffness are still those of the origin."""
@@ -169,7 +167,8 @@ class Origin(Frozen):
         for original, stops in zip(self.made.contacts, self.problem.all_stops, strict=True):
             if same(original.row, contact.row) and original.offset == contact.offset:
                 return replace(contact.stops, position=stops.position, motion=stops.motion)
-        return contact.stops if contact.offset is None and same(contact.row, self.tip) else None
+        tip, _ = self.made.channels[self.made.tip_channel]
+        return contact.stops if contact.offset is None and same(contact.row, tip) else None
 
 
 class ModelData(TypedDict, total=False):

@@ -160,12 +160,13 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
     structure = _structure(system)
     scale, centre = abs(value) if value else 1.0, base.vector()
 
-    def secant(step: float) -> Array:
-        member = with_values(system, {path: value + step})
-        if _structure(member) != structure:
+    def secants(step: float) -> Array:
+        """Changes of the data over 1 to 4 steps, per step."""
+        members = [with_values(system, {path: value + k * step}) for k in range(1, 5)]
+        if any(_structure(member) != structure for member in members):
             rule = "keep the terms of the loads, the observed points, the times of samples and the sides of the stops"
             raise InputError("wrt", path, rule, "take a value beside it, or another parameter")
-        return (data_of(member).vector() - centre) / step
+        return (np.array([data_of(member).vector() for member in members]) - centre) / step
 
     def largest(numbers: Array) -> Array:
         sizes = vars(base.of_vector(numbers)).values()
@@ -177,9 +178,8 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
     for width in WIDTHS:
         sides = []
         for way in (1.0, -1.0):
-            steps = way * width * scale * np.arange(1, 5)
             try:
-                sides.append(np.array([k * secant(h) for k, h in enumerate(steps.tolist(), start=1)]))
+                sides.append(secants(way * width * scale))
             except InputError as refused:
                 # Outside the range of the parameter there is no system: a narrower width may fit, or one side alone.
                 # What is wrong inside the range tells more than where it ends.

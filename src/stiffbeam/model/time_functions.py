@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 from uuid import uuid4
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -324,7 +323,7 @@ class Superposition(Derivable):
             rule, remedy = "have at least one function of time", "for none give Constant(0.0)"
             raise InputError("Superposition", "nothing", rule, remedy)
         for function in functions:
-            motion_function("Superposition", function)
+            time_function("Superposition", function, moves=True)
         vars(self)["terms"] = tuple((1.0, function) for function in functions)
 
     @classmethod
@@ -412,20 +411,16 @@ def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
                 part.covers(0.0, t_end)
 
 
-def load_function(field: str, function: Any) -> Any:
-    """``function`` if it is one of time: a TimeFunction, or a callable."""
-    remedy = "for example Constant(0.1)"
-    if not isinstance(function, TimeFunction) and not callable(function):
-        raise InputError(field, function, "be a Harmonic, a Constant or a function of time", remedy)
+def time_function(field: str, function: Any, moves: bool = False) -> Any:
+    """``function`` if it is one of time: a TimeFunction, or a callable. A base or a stop that ``moves`` by it takes its
+    rate and acceleration too."""
     if isinstance(function, type):
-        raise InputError(field, function.__name__, "be a function of time, not a class", remedy)
+        raise InputError(field, function.__name__, "be a function of time, not a class", "for example Constant(0.1)")
+    if not isinstance(function, TimeFunction) and (moves or not callable(function)):
+        kinds = "be a Harmonic, a Constant or a function of time"
+        rule = "have value(t), rate(t) and acceleration(t)" if callable(function) else kinds
+        raise InputError(field, function, rule, "for example Harmonic(0.1, 2.0)")
     return function
-
-
-def motion_function(field: str, function: Any) -> None:
-    """Raise InputError unless a base or a stop can move by the function, which takes its rate and acceleration."""
-    if not isinstance(load_function(field, function), TimeFunction):
-        raise InputError(field, function, "have value(t), rate(t) and acceleration(t)", "use Harmonic or Sampled")
 
 
 def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
@@ -494,15 +489,14 @@ def offset_rate(offset: TimeFunction | None, t: ArrayLike) -> Array:
 def combined(*terms: tuple[float, TimeFunction | None]) -> TimeFunction | None:
     """sum_k factor_k f_k, None for nothing; a multiple of one Harmonic or Constant is one again."""
     kept = tuple((float(factor), f) for factor, f in terms if f is not None and factor != 0.0)
-    if not kept:
-        return None
-    factor, f = kept[0]
-    # One Harmonic or Constant stays one, so that the closed forms see it.
-    if len(kept) == 1 and isinstance(f, Harmonic):
-        return Harmonic(factor * f.amplitude, f.frequency, f.phase)
-    if all(isinstance(f, Constant) for _, f in kept):
+    if kept and all(isinstance(f, Constant) for _, f in kept):
         return Constant(sum(factor * f.level for factor, f in kept if isinstance(f, Constant)))
-    return f if len(kept) == 1 and factor == 1.0 else Superposition.weighted(kept)
+    if len(kept) != 1:
+        return Superposition.weighted(kept) if kept else None
+    factor, f = kept[0]
+    if isinstance(f, Harmonic):
+        return Harmonic(factor * f.amplitude, f.frequency, f.phase)
+    return f if factor == 1.0 else Superposition.weighted(kept)
 
 
 def moved(c: Array, s: ArrayLike) -> Array:
@@ -518,8 +512,6 @@ def moved(c: Array, s: ArrayLike) -> Array:
 # ---------------------------------------------------------------- all those of a system as numbers
 
 Term = tuple[Array, LoadFunction]
-# Systems cannot change, so a drive is computed once. Weak keys: the table keeps no system alive.
-_KNOWN: WeakKeyDictionary[System, Drive] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -535,14 +527,14 @@ class Drive:
 
     @classmethod
     def of(cls, system: System) -> Drive:
-        """The drive of all loads and all stop motions of ``system``; made once."""
-        if system in _KNOWN:
-            return _KNOWN[system]
+        """The drive of all loads and all stop motions of ``system``; made once, since a system cannot change."""
+        if "_drive" in vars(system):
+            return vars(system)["_drive"]
         leaves = [leaf for function in system.time_functions for leaf in parts_of(function)]
         # Frequencies are distinguished by their exact values, see the docstring of the class.
         frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}
         records = dict.fromkeys(f for f in leaves if isinstance(f, Sampled))
-        return _KNOWN.setdefault(system, cls(tuple(sorted(frequencies.values())), tuple(records)))
+        return vars(system).setdefault("_drive", cls(tuple(sorted(frequencies.values())), tuple(records)))
 
     @property
     def size(self) -> int:

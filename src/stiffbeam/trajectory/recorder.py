@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array, step_lengths
 from ..basics.validation import InputError, numbers, sequence
 from ..kernels.march import EVENT, TALLY, contact_forces, switch_time
-from ..model.contact import Stops, channel_motion, side_at_start
-from ..model.contact_law import all_laws, jumps
+from ..model.contact import Stops, all_laws, channel_motion, jumps, side_at_start
 from ..model.system import System, require_system
 from .records import ContactRecord, Impacts, step_ledger
 

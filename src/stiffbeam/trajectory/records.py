@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, BoolArray
 from ..basics.text import several
-from ..basics.validation import bound
+from ..basics.validation import number
 from ..model.contact import Stops, channel_motion
 from ..model.modes import Modes
 from ..model.system import System
@@ -101,7 +101,7 @@ class Impacts:
 
     def until(self, t: float) -> Impacts:
         """The impacts at times <= t."""
-        return self.take(self.times <= bound("t", t))
+        return self.take(self.times <= (np.inf if t == np.inf else number("t", t)))
 
     def listed(self) -> tuple[Impacts, BoolArray]:
         """Rows of the contact at t = 0, if any, and of the impacts; which of them are open at the start."""

@@ -18,7 +18,7 @@ from ...basics.arrays import Array
 from ...basics.resources import clock, in_time
 from ...basics.validation import InputError
 from ...kernels.rhs import THROUGH
-from ...model.contact_law import chord
+from ...model.contact import chord
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_values
