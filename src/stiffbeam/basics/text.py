@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas
 
 
-LONGEST, VALUE = 300, 120  # letters of a message, and of the value that it shows
+LONGEST = 300  # letters of a message
 
 
 class _Short(reprlib.Repr):
@@ -29,12 +29,12 @@ class _Short(reprlib.Repr):
 
 _SHORT = _Short()
 _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = _SHORT.maxset = 12
-_SHORT.maxstring = VALUE
+_SHORT.maxstring = LONGEST
 
 
 def shown(value: Any) -> str:
     """The shortened repr of ``value``; also works for a value whose repr fails."""
-    return cut(printable(_SHORT.repr(value)), VALUE)
+    return printable(_SHORT.repr(value))
 
 
 def printable(text: str) -> str:
@@ -48,9 +48,18 @@ def several(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def sentence(text: str) -> str:
-    """``text`` on one line of at most LONGEST letters."""
-    return cut(printable(text), LONGEST)
+def sentence(parts: Sequence[str], between: Sequence[str], most: int = LONGEST) -> str:
+    """parts[0] between[0] parts[1] ...: one line, its longest parts cut in the middle to make ``most`` letters."""
+    parts = [printable(part) for part in parts]
+    left = most - sum(map(len, between))
+    # Shortest first: what a part does not use is left to the longer ones.
+    for taken, length in enumerate(sorted(map(len, parts))):
+        share = left // (len(parts) - taken)
+        if length > share:  # this one and all that are longer
+            parts = [cut(part, share) for part in parts]
+            break
+        left -= length
+    return "".join(x for pair in zip(parts, [*between, ""], strict=True) for x in pair)
 
 
 def cut(text: str, most: int) -> str:

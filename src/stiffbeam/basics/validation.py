@@ -52,7 +52,7 @@ class InputError(ValueError):
     def __init__(self, field: str, value: Any, rule: str, remedy: str) -> None:
         value = float(value) if isinstance(value, ExactFloat) else value
         self.field, self.value, self.rule, self.remedy = field, value, rule, remedy
-        super().__init__(sentence(f"{field} must {rule}, got {shown(value)}: {remedy}"))
+        super().__init__(sentence([field, rule, shown(value), remedy], (" must ", ", got ", ": ")))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Arguments to rebuild the error in another process, without loss."""

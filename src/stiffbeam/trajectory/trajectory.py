@@ -57,7 +57,7 @@ class Diverged(RuntimeError):
         self.scheme, self.t, self.remedy = scheme, t, remedy
 
     def __str__(self) -> str:
-        return sentence(f"{self.scheme} overflowed at t = {self.t:.6g}: {self.remedy}")
+        return sentence((self.scheme, f"{self.t:.6g}", self.remedy), (" overflowed at t = ", ": "))
 
 
 class SolverFailure(RuntimeError):
@@ -75,7 +75,8 @@ class SolverFailure(RuntimeError):
         self.solver, self.t, self.reason, self.remedy = solver, t, reason, remedy
 
     def __str__(self) -> str:
-        return sentence(f"{self.solver} stopped at t = {self.t:.6g}: {self.reason}; {self.remedy}")
+        parts = self.solver, f"{self.t:.6g}", self.reason, self.remedy
+        return sentence(parts, (" stopped at t = ", ": ", "; "))
 
 
 class Unfinished(RuntimeError):
