@@ -14,6 +14,7 @@ from stiffbeam.basics import progress
 @pytest.mark.parametrize("colour", ["", "1"])  # to rich, standard error is then a terminal
 def test_work_of_seconds_shows_itself_now_and_then(colour, monkeypatch, capsys):
     monkeypatch.setattr(progress, "WAIT", 0.05)
+    monkeypatch.setattr(progress, "LOOK", 0.01)
     monkeypatch.setenv("FORCE_COLOR", colour) if colour else monkeypatch.delenv("FORCE_COLOR", raising=False)
     for asked in (None, True, False):
         with progress.working("counting", asked), progress.working("inside") as show:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from functools import cache
@@ -16,6 +17,7 @@ from typing import Any
 from .validation import InputError
 
 Show = Callable[[str, int, int], None]
+LOOK = 0.25  # s between two looks at the time
 WAIT = 3.0  # s of work, after which a call from Python shows what is going on
 
 
@@ -33,11 +35,9 @@ class Display:
     and after each threefold of them."""
 
     def __init__(self, what: str, asked: bool) -> None:
-        self.now, self.ended, self.opens = (what, 0, 0), threading.Event(), False
+        self.now, self.begun = (what, 0, 0), time.perf_counter()
+        self.passed = WAIT  # s, after which it opens, or prints its next line
         self.bar = self.drawn() if asked else None
-        self.thread = threading.Thread(target=self.watch, daemon=True)
-        if self.bar is None:
-            self.thread.start()
 
     def show(self, what: str, done: int, total: int) -> None:
         """State that ``done`` of ``total`` parts are done, total 0 where it is not known."""
@@ -48,17 +48,16 @@ class Display:
             change = self.bar.reset if total != of or done < before else self.bar.update
             change(self.bar.task_ids[0], description=what, completed=done, total=total or None)
 
-    def watch(self) -> None:
-        """Show the bar, or a line now and then."""
-        passed, wait = 0.0, WAIT
-        while not self.ended.wait(wait):
-            self.opens, passed = True, passed + wait
-            self.bar, wait = self.drawn(), 2.0 * passed
-            if self.bar is not None:
-                return
+    def open(self) -> None:
+        """Show the bar, or a line, if it is time."""
+        if self.bar is not None or time.perf_counter() < self.begun + self.passed:
+            return
+        self.bar = self.drawn()
+        if self.bar is None:
             what, done, total = self.now
             share = f", {100 * done // total} % done" if done and total else ""
-            print(f"stiffbeam: {passed:g} s so far, now {what}{share}", file=sys.stderr, flush=True)
+            print(f"stiffbeam: {self.passed:g} s so far, now {what}{share}", file=sys.stderr, flush=True)
+            self.passed *= 3.0
 
     def drawn(self) -> Any:
         """The bar, None where it cannot be drawn."""
@@ -75,17 +74,24 @@ class Display:
         bar.start()
         return bar
 
-    def close(self) -> None:
-        """End the display."""
-        self.ended.set()
-        if self.opens:  # maybe at this moment
-            self.thread.join()
-        if self.bar is not None:
-            self.bar.stop()
-
 
 _LOCK = threading.Lock()
-_calls: list[tuple[Any, Show]] = []  # calls in progress; the first has the display and the limit on BLAS
+_watched = threading.Event()  # set while a thread opens displays
+# Limit on BLAS, progress function and display of the calls in progress; only the first has a limit and a display.
+_calls: list[tuple[Any, Show, Display | None]] = []
+
+
+def _watch() -> None:
+    """Open the display of a long call. Short calls one after the other share this thread, which ends with them: a
+    thread a call would double the time of a short one."""
+    while True:
+        time.sleep(LOOK)
+        with _LOCK:
+            if not _calls:
+                _watched.clear()
+                return
+            if _calls[0][2] is not None:
+                _calls[0][2].open()
 
 
 def current() -> Show:
@@ -109,14 +115,17 @@ def working(what: str, asked: bool | Show | None = None) -> Generator[Show, None
         if limit is not None and shows and not TALK.quiet:
             display = Display(what, asked is True)
         show = display.show if display is not None else asked if callable(asked) else silent
-        _calls.append((limit, show))
+        _calls.append((limit, show, display))
+        if display is not None and not _watched.is_set():
+            _watched.set()
+            threading.Thread(target=_watch, daemon=True).start()
     try:
         yield show
     finally:
-        if display is not None:
-            display.close()
         with _LOCK:
             _calls.pop()
+            if display is not None and display.bar is not None:
+                display.bar.stop()
             if limit is not None:
                 limit.restore_original_limits()
 
