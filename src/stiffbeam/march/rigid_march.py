@@ -134,8 +134,8 @@ class RigidStepper:
         for s in range(len(compliance)):
             least, most = np.linalg.eigvalsh(0.5 * (compliance[s, s] + compliance[s, s].T))[[0, -1]]
             if not least > 1e-12 * most or not most > 0.0:
-                rule = "move the argument of every node by the reaction there, each contact on its own, for rigid stops"
-                remedy = "use MoreauJean, and contacts that do not follow from each other"
+                rule = "answer the reaction of every contact by itself, for rigid stops"
+                remedy = "use MoreauJean, and leave out contacts that follow from others"
                 raise InputError("scheme", str(self.scheme), rule, remedy)
 
     def _offset_shifts(self, member: System, at: Array, nodes: Array) -> Array:

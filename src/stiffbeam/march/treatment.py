@@ -111,8 +111,9 @@ def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:
         own = np.diagonal(x, axis1=-2, axis2=-1)
         # A negative entry within the rounding of the largest one counts as zero.
         if np.any(own < -1e-12 * np.max(np.abs(own), initial=0.0)):
-            rule = f"be one whose step changes the {name} of a node in the direction of the force on it, for stops "
-            rule += "whose force depends on velocity"
+            rule = (
+                f"change the {name} of a contact in the direction of its force, for stops with damping or dissipation"
+            )
             raise InputError("scheme", str(scheme), rule, "use another scheme, or stops without damping")
 
 
@@ -123,5 +124,6 @@ def require_moved(scheme: Scheme, S: Array) -> None:
     evaluates F from a state, and rounding decides the result. S: (..., m, m).
     """
     if not np.all(np.diagonal(S, axis1=-2, axis2=-1) > 0.0):
-        rule = "be one whose step lets a force on a node move that node within the step, for stops with damping"
-        raise InputError("scheme", str(scheme), rule, "use another scheme, or stops with dissipation= in place of it")
+        rule = "answer a contact force within its step, for stops with damping, whose force jumps"
+        remedy = "use an implicit scheme, or pass your method as a function solve(system, dt, t_end)"
+        raise InputError("scheme", str(scheme), rule, remedy)

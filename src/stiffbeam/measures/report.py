@@ -240,6 +240,8 @@ def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], h
     first, common = comparisons[0], common_window(comparisons)
     match = "" if common == first.window else ", where the impacts of all runs still match"
     meanings = [meaning for head, meaning in HEADS.items() if head in heads]
+    if any(np.isnan(c.reference.peak_force) for c in first.contacts):  # of a rigid stop
+        meanings[-1:] = ["Impacts: of the exact motion all, of a scheme one a step at most."]
     yield " ".join([f"Tip error: rms over max |u|, to t = {number(common)}{match}.", *meanings])
     touched, contacts = _touched(comparisons), first.contacts
     if 0 < len(touched) < len(contacts):
@@ -247,8 +249,8 @@ def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], h
     events = sum(c.reference_totals.event_impacts for c in contacts)
     if events != sum(c.reference_totals.impacts for c in contacts):
         yield f"The reference has {events} impacts to t = {first.t_end:g} in all."
-    if "energy lost" in heads and any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
-        yield "Energy lost is – if the time step does not resolve the dissipation of dampers."
+    if any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
+        yield "Energy lost is – or left out where the time step does not resolve the dissipation of dampers."
     system = None if first.pair is None else first.pair[1].system
     if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
         yield "The reference is exact for this mesh; `stiffbeam study space` measures the mesh."

@@ -255,7 +255,7 @@ class Stops(Frozen):
         self.require_compliant(for_what)
         for name in (x for x in LINEAR if getattr(self, x) != LINEAR[x] and not (damped and x == "damping")):
             rule = f"be {LINEAR[name]:g}, a linear law, for {for_what}"
-            raise InputError(f"stops.{name}", getattr(self, name), rule, "use the adaptive solver cvode")
+            raise InputError(f"stops.{name}", getattr(self, name), rule, "leave it out, or use the solver cvode")
 
     @property
     def data(self) -> dict[str, float]:

@@ -487,7 +487,10 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
 def clear_orders(orders: Mapping[str, Order]) -> str:
     """The least and the largest order with a narrow interval, which two points do not have, see ``extremes``."""
     slopes = {name: order.slope for name, order in orders.items() if not order.unclear and np.isfinite(order.interval)}
-    return extremes(slopes, "{:.2f}".format) if any(map(np.isfinite, slopes.values())) else "no clear rate"
+    if not any(map(np.isfinite, slopes.values())):
+        return "no clear rate"
+    counted = "(all)" if len(slopes) == len(orders) else f"({len(slopes)} of {len(orders)})"
+    return extremes(slopes, "{:.2f}".format).replace("(all)", counted)
 
 
 def order_over(table: Table, step: Callable[[Table], Any], error: str) -> Order:

@@ -212,6 +212,8 @@ class Converge(Study):
         notes += f"error of {ERROR:g} that all finer runs keep, interpolated between runs."
         if len(counted) < len(costs):
             notes += " Steps: a function whose Trajectory has no work.counters, not comparable with the others."
+        if any(name not in columns.get("energy lost at dt", {}) for name in by_integrator.groups):
+            notes += " Energy lost: only of states, and where dt resolves the dissipation of dampers."
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
         return Answer(verdict.strip(), small, notes)

@@ -31,7 +31,8 @@ PANELS = {"tip_error": "the tip", "impact_time_error": "impact times", "impulse_
 class Rigid(Study):
     """How stiff must a stop be before it acts like a rigid one, and how fast is that limit approached?
 
-    Stops of the case's stiffness times ``factors``, until the first ``impacts`` impacts on rigid stops are over.
+    Stops of the case's stiffness times ``factors``, until the first ``impacts`` impacts on rigid stops are over. The
+    case has linear stops at one place, and no damping.
     """
 
     factors: base.Values = option(tuple(4.0**k for k in range(10)), "factors on the stiffness, comma-separated")
@@ -58,9 +59,9 @@ class Rigid(Study):
             remedy = "their limit is known without motion"
             raise InputError("stops", "moving ones", "be at rest for rigid stops", remedy)
         if system.damped:
-            viscosity = 0.0 if case.problem is None else case.problem.viscosity
-            name, value = ("viscosity", viscosity) if viscosity else ("damping", "a matrix that is not 0")
-            raise InputError(name, value, "be 0 for rigid stops", "their limit is known without it")
+            names = [x for x in ("viscosity", "mass_damping", "modal_damping") if np.any(getattr(case.problem, x, 0.0))]
+            value = getattr(case.problem, names[0]) if names else "a matrix that is not 0"
+            raise InputError(" and ".join(names) or "damping", value, "be left out", "the limit is known without it")
         return [{"factor": float(factor)} for factor in self.factors or ()]
 
     def run(self, case: Case, factor: float) -> Row:
