@@ -121,9 +121,9 @@ def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> 
     raise InputError(field, value, rule, remedy)
 
 
-def positive(field: str, value: Any, exact: bool = False, most: float = math.inf) -> float:
-    """``value`` as a finite float > 0; ``exact`` and ``most`` as in ``number``."""
-    result = number(field, value, exact, most=most)
+def positive(field: str, value: Any, exact: bool = False) -> float:
+    """``value`` as a finite float > 0; ``exact`` as in ``number``."""
+    result = number(field, value, exact)
     if result <= 0:
         raise InputError(field, value, "be > 0", "for example 1.0")
     return result
