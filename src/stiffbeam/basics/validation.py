@@ -1,4 +1,4 @@
-"""Arguments of callers: the error for invalid input, the checks that raise it, exact numbers, and old names.
+"""Arguments of callers: the error for invalid input, the checks that raise it, and exact numbers.
 
 An exact number is a float64 value with the number as it was written, for multiprecision: 0.001 in a case file or in the
 paper is the decimal 1/1000. The double next to it is another number, and past the horizon of float64 its problem is
