@@ -271,9 +271,10 @@ class Stops(Frozen):
         if velocity is None and self.dissipative:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
-        u, rate = (np.asarray(x, float) for x in (v, 0.0 if velocity is None else velocity))
+        motion = (np.asarray(x, float) for x in (v, 0.0 if velocity is None else velocity))
+        u, rate = np.broadcast_arrays(*motion)
         # The kernel finds a position that is no number between the stops.
-        return np.where(np.isnan(u + rate), np.nan, contact_forces(*np.broadcast_arrays(u, rate), self.law))
+        return np.where(np.isnan(u + rate), np.nan, contact_forces(u, rate, self.law))
 
     def energy(self, v: ArrayLike) -> Array:
         """U(v): -U' is the force at rest. A rigid stop holds none."""
