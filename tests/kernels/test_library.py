@@ -11,7 +11,7 @@ import pytest
 import stiffbeam as sb
 from stiffbeam.kernels import compile as compilation
 from stiffbeam.kernels.library import address
-from stiffbeam.kernels.march import solve_node, states
+from stiffbeam.kernels.march import contact_forces, states
 
 TESTS = Path(__file__).parents[1]
 CHOSEN = [  # nine lines in ten of the kernels in half a minute
@@ -33,7 +33,7 @@ def test_a_wrong_array_is_an_error_and_no_crash(wrong):
 def test_a_kernel_refuses_arrays_that_do_not_fit_each_other():
     law = sb.Stops(upper=0.0, stiffness=1.0).law[None]
     with pytest.raises(TypeError):
-        solve_node(np.zeros(2), np.zeros((1, 1)), law)
+        contact_forces(np.zeros(2), np.zeros(1), law)
     with pytest.raises(TypeError):
         states(*(np.zeros((1, 1)),) * 3, np.zeros((2, 1)), 1)
 

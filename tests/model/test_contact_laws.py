@@ -63,7 +63,10 @@ def test_c_numpy_and_jax_have_one_law(sides, exponent, damping, dissipation):
     u, v = np.random.default_rng(4).normal(size=(2, 200))
     energies, close = np.empty(len(u)), {"rtol": 1e-14, "atol": 1e-15}
     forces = contact_forces(u, v, stops.law, energies)
-    assert np.allclose(forces, stops.force(u, v), **close)
+    depth, side = np.abs(stops.penetration(u)), -np.sign(stops.penetration(u))
+    by_terms = side * np.maximum(0.0, contact.pressure(depth, -side * v, stops.coefficients))
+    assert np.allclose(by_terms, stops.force(u, v), **close)
+    assert np.all(np.isnan(stops.force([np.nan, 1.0], [1.0, np.nan])))
     assert np.allclose(energies, stops.energy(u), **close)
     assert np.array_equal(-np.sign(forces), stops.state(u, v))
     assert np.all(stops.dissipated(u, v) * v <= 1e-15)  # a stop never gives energy

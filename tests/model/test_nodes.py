@@ -9,10 +9,20 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.kernels.march import solve_node
+from stiffbeam.kernels.library import address, filled, library
 
 LAWS = [{}, {"exponent": 1.5}, {"exponent": 2.7}, {"dissipation": 0.3}, {"damping": 2.0},
         {"exponent": 1.5, "damping": 0.3, "dissipation": 0.2}]  # fmt: skip
+
+
+def solve_node(r, S, law):
+    """The forces F (m,) with v = r + F S and F_c = F_c(v_c) of springs or rigid stops; law (m, 3): stiffness, lower and
+    upper stop, or more columns. S (m, m) has positive principal minors, or is semidefinite."""
+    m, linear = len(law), np.zeros((len(law), 6))
+    linear[:, :3] = law[:, :3]
+    r, S, F = np.ascontiguousarray(r), np.ascontiguousarray(S), np.empty(m)
+    filled(library().solve_node(m, address(r, (m,)), address(S, (m, m)), address(linear, (m, 6)), address(F, (m,))))
+    return F
 
 
 @pytest.mark.parametrize("contact", ["implicit", "conserving"])

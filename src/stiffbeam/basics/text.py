@@ -48,10 +48,10 @@ def several(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def sentence(parts: Sequence[str], between: Sequence[str], most: int = LONGEST) -> str:
-    """parts[0] between[0] parts[1] ...: one line, its longest parts cut in the middle to make ``most`` letters."""
+def sentence(parts: Sequence[str], between: Sequence[str]) -> str:
+    """parts[0] between[0] parts[1] ...: one line, its longest parts cut in the middle to make LONGEST letters."""
     parts = [printable(part) for part in parts]
-    left = most - sum(map(len, between))
+    left = LONGEST - sum(map(len, between))
     # Shortest first: what a part does not use is left to the longer ones.
     for taken, length in enumerate(sorted(map(len, parts))):
         share = left // (len(parts) - taken)

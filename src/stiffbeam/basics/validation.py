@@ -1,4 +1,4 @@
-"""Arguments of callers: the error for invalid input, the checks that raise it, exact numbers, and old names.
+"""Arguments of callers: the error for invalid input, the checks that raise it, and exact numbers.
 
 An exact number is a float64 value with the number as it was written, for multiprecision: 0.001 in a case file or in the
 paper is the decimal 1/1000. The double next to it is another number, and past the horizon of float64 its problem is
@@ -121,9 +121,9 @@ def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> 
     raise InputError(field, value, rule, remedy)
 
 
-def positive(field: str, value: Any, exact: bool = False, most: float = math.inf) -> float:
-    """``value`` as a finite float > 0; ``exact`` and ``most`` as in ``number``."""
-    result = number(field, value, exact, most=most)
+def positive(field: str, value: Any, exact: bool = False) -> float:
+    """``value`` as a finite float > 0; ``exact`` as in ``number``."""
+    result = number(field, value, exact)
     if result <= 0:
         raise InputError(field, value, "be > 0", "for example 1.0")
     return result

@@ -142,18 +142,18 @@ def _few_ticks(axis: XAxis | YAxis, low: float, high: float, most: float) -> Non
         axis.set_minor_formatter(NullFormatter())
 
 
-def mark_order(axis: Axes, orders: Sequence[float], x: float = 0.96, y: float = 0.05) -> None:
+def mark_order(axis: Axes, orders: Sequence[float], y: float = 0.05) -> None:
     """Triangles of slope p on a log-log axis, the first at the right, to hold lines against; p < 0 for lines that fall.
 
-    x, y: where the first one's upright meets its base, as shares of the axis. They are wider where the axis spans so
-    many decades that they would be flat. Call when the limits are final.
+    y: of the base of the first one, as a share of the axis. They are wider where the axis spans so many decades that
+    they would be flat. Call when the limits are final.
     """
     if (axis.get_xscale(), axis.get_yscale()) != ("log", "log"):
         return
     (left, right), (low, high) = np.log10(axis.get_xlim()), np.log10(axis.get_ylim())
     steepest = max(map(abs, orders)) * abs(right - left) / (high - low)
     width = min(max(0.09, FLAT / steepest), 0.7 / len(orders))
-    run = width * abs(right - left)
+    run, x = width * abs(right - left), 0.96
     for order in orders:
         rise = order * run / (high - low)
         corners = np.array([[x - width, y], [x, y], [x, y + rise]])

@@ -16,7 +16,6 @@ from ..basics.arrays import Array, IntArray
 from .library import Structure, address, filled, library
 
 DONE, FULL, STALLED, NOT_FINITE = range(4)
-REBOUND = 9  # times the stop: the side of a contact that an impact throws back
 TOGETHER = 16.0  # roundings of the time within which rigid stops are hit together
 FIRST_ROOM, LARGEST_ROOM = 256, 8192  # marks, events and blows of one call
 
@@ -69,7 +68,7 @@ class Free(SimpleNamespace):
             vars(self), coupling=self.coupling, kind=self.kind, damped=bool(self.poles[0].any()), longest=self.longest,
             F=F, N=N, T=N + F, B=2 * F + self.pieces.shape[1], waves2=2 * F, states=2 * n,
         )  # fmt: skip
-        self.flown = whole, up and up.flown[0], low and low.flown[0], None if V is None else address(V, (n, n))
+        self.flown = whole, up and up.flown[0], low and low.flown[0], address(V, (n, n)) if up or low else None
 
     def changed(self, **values: Any) -> Free:
         """A copy with other values."""
@@ -109,7 +108,8 @@ class Marks(NamedTuple):
         return _Marks(self._asdict(), n=len(free.w2), m=len(free.rows))
 
 
-Events = tuple[Array, IntArray, IntArray, IntArray]  # times, contacts, sides and marks behind
+# Times, contacts, sides and marks behind; the side of a contact that an impact throws back is 9 times the stop.
+Events = tuple[Array, IntArray, IntArray, IntArray]
 States = tuple[Array, Array, Array]  # eta, rate (k, n) and held forces (k, m)
 
 

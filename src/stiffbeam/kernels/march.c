@@ -259,7 +259,7 @@ static void watch(Motion *s, Int block, Int c, Int at, Int count)
     Int new = v || node_force
                   ? scan(s->u, v, node_force, (int)means, count, l, run->dt, tally, run->events, s->rows, at)
                   : scan(s->u, NULL, NULL, 0, count, l, run->dt, tally, run->events, s->rows, at);
-    if (!means && b->rule != LINEAR) /* the force at the last step counts half, see ``with_ends`` */
+    if (!means && b->rule != LINEAR) /* the force at the last step counts half, see ``end_tallies`` */
         tally[LAST] =
             fabs(force_of_node(s->u[count - 1], v ? v[count - 1] : 0.0, node_force ? node_force[count - 1] : NAN, l));
     /* The end of the impact that was open before, then times and ends of the new ones. */

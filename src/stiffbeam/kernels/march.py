@@ -213,20 +213,6 @@ def rigid_steps(linear: Linear, driven: Array, shifts: Array, predicted: Array, 
     return path, reactions
 
 
-# ---------------------------------------------------------------- contacts of one node
-
-
-def solve_node(r: Array, compliance: Array, law: Array) -> Array:
-    """The forces F (m,) with v = r + F S and F_c = F_c(v_c) of springs or rigid stops; law (m, 3): stiffness, lower and
-    upper stop, or more columns. S = ``compliance`` (m, m) has positive principal minors, or is semidefinite."""
-    m, F = len(law), np.empty(len(law))
-    r, compliance, linear = np.ascontiguousarray(r), np.ascontiguousarray(compliance), np.zeros((m, LAW))
-    linear[:, :3] = law[:, :3]
-    at = address(r, (m,)), address(compliance, (m, m)), address(linear, (m, LAW)), address(F, (m,))
-    filled(library().solve_node(m, *at))
-    return F
-
-
 def contact_forces(u: Array, v: Array, law: Array, energy: Array | None = None) -> Array:
     """F(u, u') on the beam, of the shape of u and v; law (.., 6), of each or of all. ``energy`` takes U(u)."""
     shape = np.shape(u)

@@ -19,19 +19,7 @@ from ..model.contact import jumps as force_jumps
 from ..model.system import System
 from ..model.time_functions import evaluate
 from ..schemes import Scheme
-from ..trajectory.recorder import (
-    CONTACT,
-    END,
-    IMPACT_IMPULSE,
-    IMPACT_PEAK,
-    ROW,
-    SIDE,
-    end_tallies,
-    forces_at,
-    overflow,
-    record,
-    start_tallies,
-)  # fmt: skip
+from ..trajectory.recorder import CONTACT, end_tallies, forces_at, overflow, record, start_tallies
 from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import SolverFailure
 from .probe import Coordinates, StepMap, independent
@@ -242,9 +230,6 @@ class March:
             raise SolverFailure(str(self.stepper.scheme), -diverged * dt, reason, remedy)
         u, v = (np.ascontiguousarray(x[:, tip]) for x in (self.positions, self.velocities))  # of one contact views
         tally, rows, contacts = self.state.tally, self.events[: self._rows], []
-        # An impact that is still open has no peak, impulse or end.
-        open_rows = tally[:, ROW][(tally[:, SIDE] != 0.0) & (tally[:, ROW] >= 0.0)].astype(int)
-        rows[open_rows[:, None], [IMPACT_PEAK, IMPACT_IMPULSE, END]] = np.nan
         # Include the forces at start and end.
         if not self.stepper.treatment.means:
             tally = end_tallies(tally, self.state.law, dt, (self.state.position, self.state.velocity))

@@ -346,7 +346,7 @@ def _compared(run: Any, reference: Reference) -> Comparison:
 
 
 def _missing(run: Trajectory, system: System, contacts: Sequence[ContactComparison]) -> Iterator[str]:
-    """What the run lacks, with the reason; the result has NaN for it."""
+    """Measures that the run does not allow, with the reason; the result has NaN for them."""
     arrays = run.provenance.get("source") == "arrays"
     for c, record, contact in zip(contacts, run.contacts, system.contacts, strict=True):
         if record.impacts.kind == "unknown":

@@ -36,13 +36,13 @@ def number(value: float, digits: int = 3) -> str:
     return DASH if not np.isfinite(value) else f"{value:.{digits}g}"
 
 
-def percent(value: float, sign: str = "") -> str:
+def percent(value: float) -> str:
     """A fraction in per cent: two digits, all before the point, and a power of ten where that would be long."""
     hundredths = 100.0 * value
     if not np.isfinite(hundredths):
         return DASH
     form = ".2g" if abs(hundredths) < 99.5 else ".0f"
-    return f"{hundredths:{sign}{form if 1e-4 <= abs(hundredths) < 1e5 or not value else '.0e'}} %"
+    return f"{hundredths:{form if 1e-4 <= abs(hundredths) < 1e5 or not value else '.0e'}} %"
 
 
 def largest(run: Trajectory) -> str:
@@ -204,9 +204,8 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
     order = ["run", "ns per step", "tip error", lag, delay, "energy lost", "impacts right to", "impacts",
              "contact time", force, impulse]  # fmt: skip
     frame: Any = pandas.DataFrame(rows).fillna(DASH)
-    return _title(comparisons, to_end), frame[
-        [head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]
-    ]
+    kept = [head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]
+    return _title(comparisons, to_end), frame[kept]
 
 
 def _title(comparisons: Sequence[Comparison], to_end: bool) -> str:

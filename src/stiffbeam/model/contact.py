@@ -155,7 +155,9 @@ class Stops(Frozen):
     def __post_init__(self) -> None:
         # Every number by itself, then what the numbers must be to each other.
         if not self.rigid:
-            vars(self)["stiffness"] = positive("stops.stiffness", self.stiffness, exact=True, most=STIFFEST)
+            vars(self)["stiffness"] = positive("stops.stiffness", self.stiffness, exact=True)
+            if self.stiffness > STIFFEST:
+                raise InputError("stops.stiffness", self.stiffness, f"be <= {STIFFEST:g}", "inf is a rigid stop")
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
                 vars(self)[side] = number(f"stops.{side}", getattr(self, side), exact=True)
@@ -269,8 +271,10 @@ class Stops(Frozen):
         if velocity is None and self.dissipative:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
-        u, rate = np.broadcast_arrays(v, 0.0 if velocity is None else velocity)
-        return contact_forces(u, rate, self.law)
+        motion = (np.asarray(x, float) for x in (v, 0.0 if velocity is None else velocity))
+        u, rate = np.broadcast_arrays(*motion)
+        # The kernel finds a position that is no number between the stops.
+        return np.where(np.isnan(u + rate), np.nan, contact_forces(u, rate, self.law))
 
     def energy(self, v: ArrayLike) -> Array:
         """U(v): -U' is the force at rest. A rigid stop holds none."""

@@ -256,6 +256,8 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
         raise InputError(", ".join(values), "a beam with other initial data", "be varied with its problem", remedy)
     places_of_stops = _at_clearance(system, values[CLEARANCE]) if CLEARANCE in values else {}
+    for path in places_of_stops.keys() & values.keys():
+        raise InputError("parameter", path, "be left out beside the clearance, which sets it", "leave out one of them")
     values = {path: x for path, x in values.items() if path != CLEARANCE} | places_of_stops
     for path, value in values.items():
         number(path, value)

@@ -310,8 +310,10 @@ def graded_eigenpairs(
     vectors were too far off, and the better ones are the next start. Of more than SMALL unknowns only the slow pairs
     are refined, within the space that they span.
     """
-    # The solver errs by n eps of the largest square: squares below this one have more than ENOUGH of error.
-    slow = len(X) if len(X) <= SMALL else int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
+    # The solver errs by n eps of the largest square, with a factor of the largest root: those below have more than
+    # ENOUGH of error.
+    known = squares if factor is None else np.sqrt(squares)
+    slow = len(X) if len(X) <= SMALL else int(np.count_nonzero(known < EPS * len(X) / ENOUGH * known[-1]))
     if not slow:
         return squares, X
     fast, (X, rest) = squares[slow:], np.split(X, [slow], axis=1)

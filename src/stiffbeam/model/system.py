@@ -446,6 +446,5 @@ class System(Frozen):
 
 
 def require_system(system: Any, field: str = "system") -> System:
-    """``system`` if it is exactly a System, not a subclass."""
-    instance(field, system, System, "make it with semidiscretise or from_matrices")
-    return system
+    """``system`` if it is a System."""
+    return instance(field, system, System, "make it with semidiscretise or from_matrices")

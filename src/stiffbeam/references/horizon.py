@@ -264,7 +264,6 @@ def with_horizon(
             other = solve_exact(system, t_end, reference.t)
             against = "exact"
         except (InputError, SolverFailure):
-            # Across a kink the error does not follow rtol: two solutions can share it, unless one is more precise.
             rtol, steps = 10.0 * request.rtol, request.steps._replace(other=True)
             against = f"itself at rtol {rtol:g} with shorter steps"
             other = solve(request._replace(t_eval=reference.t, rtol=rtol, atol=None, steps=steps))

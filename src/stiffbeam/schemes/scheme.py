@@ -1,7 +1,6 @@
 """The interface of schemes: a linear step from (state, forces at the nodes) to (new state, states at the nodes).
 
-``check_contract`` tests that a step is linear in
-state, loads and reactions, causal in the nodes, and a pure function.
+``check_contract`` tests that a step is linear in state, loads and reactions, causal in the nodes, and a pure function.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ class Doubt(Study):
             (scheme,) = base.chosen_schemes(case, [self.scheme]).values()
         drawn = drawn_members(system, uncertain, self.members, self.rng)
         current()(f"doubt: the exact members, for {source}", 0, 0)
-        key = system.fingerprint, t_end, case.dt, repr(uncertain), self.members, self.rng
+        key = t_end, case.dt, *(member.fingerprint for member in drawn)
         exact, wanted = _EXACT.get(key, lambda: _measured(reference_ensemble(system, t_end, drawn, t)))
         # Rounding matters past its horizon only: there starts that hardly differ scatter.
         horizon = min(base.solve_once(system, t_end).horizon, t_end)

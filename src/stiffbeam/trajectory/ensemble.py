@@ -64,15 +64,12 @@ class ContactStatistics:
 
 
 def slim(run: Trajectory, outputs: int | None = None) -> Trajectory:
-    """What an ensemble keeps of a run: tip and velocity at the first ``outputs`` of its times, and the statistics of
-    its contacts."""
+    """The part of a run that an ensemble keeps: tip and velocity at the first ``outputs`` of its times, and the
+    statistics of its contacts."""
     none = np.zeros(0)
     contacts = tuple(replace(c, position=none, velocity=none, force=none) for c in run.contacts)
-    tip, velocity = (x[:outputs].copy() for x in (run.tip, run.tip_velocity))
-    t = run.t[:outputs]
-    return Trajectory(
-        t=t, tip=tip, tip_velocity=velocity, contacts=contacts, work=run.work, provenance={}, diverged=run.diverged
-    )
+    motion = {name: getattr(run, name)[:outputs].copy() for name in ("t", "tip", "tip_velocity")}
+    return Trajectory(**motion, contacts=contacts, work=run.work, provenance={}, diverged=run.diverged)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -20,8 +20,8 @@ from .records import ContactRecord, Impacts, step_ledger
 # A tally (..., 8) is what one contact has seen so far. The steps up to SINCE are passed over; SIDE is followed from the
 # start. LAST is |F| at the last step, of laws that are not linear.
 SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
-# An impact is one row of a list of events; ROW is the row of the one that is open, or -1. A contact that is there at
-# t = 0 has a row too, with TIME = AT_START.
+# An impact is one row of a list of events; ROW is the row of the one that is open, or -1, and its END is -1 too. A
+# contact that is there at t = 0 has a row too, with TIME = AT_START.
 CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(6)
 AT_START = -1.0
 AT_REST = 1e-12  # of a position: so near a rigid stop a body is on it
@@ -84,6 +84,8 @@ def record(
     if node_forces is not None and stops.jumps:
         force = np.where(np.isnan(node_forces), force, node_forces)
     times, sides, peaks, impulses, ends = events[:, TIME : END + 1].T.copy()  # the columns side by side
+    still = ends < 0.0  # open, without peak, impulse or end
+    peaks[still] = impulses[still] = ends[still] = np.nan
     stop_sides = sides.astype(np.int64)
     impacts = Impacts(times=times, ends=ends, stops=stop_sides, peaks=peaks, impulses=impulses, kind="sampled")
     impacts = impacts.started(times == AT_START)

@@ -153,9 +153,8 @@ class Solver:
             lost = size * np.max(np.abs(free.poles)) * rng.uniform(-1.0, 1.0, free.poles.shape)
             exponentials = np.arange(free.poles.shape[1]) < free.poles.shape[1] - len(free.waves)
             real = (free.poles[1] == 0.0) & (np.arange(2) > 0)[:, None]
-            copied = free.changed(
-                **shared, up=None, low=None, poles=free.poles + np.where(exponentials & ~real, lost, 0.0)
-            )
+            poles = free.poles + np.where(exponentials & ~real, lost, 0.0)
+            copied = free.changed(**shared, up=None, low=None, V=None, poles=poles)
         else:
             drag = off(free.drag)
             shared["damping"] = np.diag(drag) if free.coupling < 2 else off(free.damping)
