@@ -209,3 +209,13 @@ def test_chains_at_rest_on_their_stops_have_an_exact_motion(seed):
     for other in others:
         near = run.t <= min(run.horizon, other.horizon)
         assert np.max(np.abs(run.tip - other.tip)[near]) <= 1e-3 * np.max(np.abs(run.tip))
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e7])
+@pytest.mark.parametrize("method", ["exact", "multiprecision", "cvode", "ida", "dop853"])
+def test_a_load_that_grows_from_zero_holds_a_body_on_its_stop(method, stiffness):
+    """From t = 0 on, without an impact, until sin 3t pushes less than the spring of 1 at a stiff stop."""
+    system = one_mass(1.0, sb.Stops(upper=0.0, stiffness=stiffness), load=sb.Harmonic(1.0, 3.0))
+    impacts = sb.reference(system, 1.5, method).impacts
+    assert impacts.count == 0
+    assert impacts.at_start.ends == pytest.approx([np.pi / 3.0], rel=1e-2)

@@ -46,9 +46,10 @@ def directory() -> Path:
 
 
 @cache
-def source_hash() -> str:
-    """Hash of the code and data of the package. It changes with every edit, so old results are not reused."""
-    digest, folder = hashlib.sha256(), Path(__file__).parents[1]
+def source_hash(folder: Path = Path(__file__).parents[1]) -> str:
+    """Hash of the code and data in a folder, by default the package's. It changes with every edit, so old results are
+    not reused."""
+    digest = hashlib.sha256()
     for file in sorted({x for kind in ("*.py", "*.toml", "*.[ch]") for x in folder.rglob(kind)}):
         digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -152,7 +152,7 @@ def rebounds(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
 
 def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
     """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,); see ``rebounds`` for those
-    on rigid stops. Entry and exit are found by cubic Hermite interpolation over the interval's own length."""
+    on rigid stops. Times of entry and exit: see ``Impacts``."""
     if stops.rigid:
         return rebounds(t, u, v, stops)
     chi, size = stops.state(u, v), np.abs(stops.force(u, v))

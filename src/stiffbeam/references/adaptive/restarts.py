@@ -299,7 +299,10 @@ class Path:
             push = side * float(rhs.system.contacts[i].row @ z_rate[1 : rhs.states : 2])
             orders.append(next((x for x in (gap, rate, push) if x != 0.0), 0.0))
         if 0.0 in orders:
+            # Open, or a stiff stop would make the steps too short to show where the body goes.
+            rhs.regime[[i for (i, _), x in zip(rhs.sides, orders, strict=True) if x == 0.0]] = 0
             orders = [x or later for x, later in zip(orders, self._leaving(z, interval).tolist(), strict=True)]
+            rhs.regime[:] = THROUGH
         return [x > 0.0 for x in orders]
 
     def _leaving(self, z: Array, interval: Interval) -> Array:
