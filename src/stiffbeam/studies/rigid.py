@@ -61,7 +61,7 @@ class Rigid(Study):
         if system.damped:
             names = [x for x in ("viscosity", "mass_damping", "modal_damping") if np.any(getattr(case.problem, x, 0.0))]
             value = getattr(case.problem, names[0]) if names else "a matrix that is not 0"
-            raise InputError(" and ".join(names) or "damping", value, "be left out", "the limit is known without it")
+            raise InputError(" and ".join(names) or "damping", value, "be 0 for rigid stops", "leave it out here")
         return [{"factor": float(factor)} for factor in self.factors or ()]
 
     def run(self, case: Case, factor: float) -> Row:
