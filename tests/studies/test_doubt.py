@@ -208,6 +208,15 @@ def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused(tmp_path
     assert records.figure().axes[0].get_xlabel()
 
 
+def test_finished_points_are_those_of_a_distribution(tmp_path):
+    """An equal one reads them, another one does not."""
+    case, files = case_of(ball(), 1e-3, 0.2), []
+    for mean in (1e4, 1e4, 2e4):
+        doubted(case, uncertain={"stops.stiffness": norm(mean, 100.0)}, folder=tmp_path)
+        files.append(len(list(tmp_path.glob("*.json"))))
+    assert files[0] == files[1] < files[2]
+
+
 def test_members_are_drawn_from_ranges_and_distributions_of_scipy():
     """A Latin hypercube sample has one value in each of 40 intervals of equal probability."""
     paths = {"stops.stiffness": norm(1e4, 1e3), "stops.upper": (0.05, 0.15)}

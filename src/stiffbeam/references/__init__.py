@@ -117,7 +117,8 @@ def reference(
             whole, request = request.t_end, _until(late.t, request, seconds)
             solution = _solution(request)
             solution.provenance["budget"] = (
-                f"to t = {request.t_end:.3g} of {whole:.3g}: its budget of {seconds:g} s of CPU ends there"
+                f"to t = {request.t_end:.3g} of {whole:.3g}: its budget of {seconds:g} s of CPU, horizon included, "
+                "ends there"
             )
         if not math.isnan(solution.horizon):
             return solution  # confirmed by more digits

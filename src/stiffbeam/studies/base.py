@@ -379,6 +379,8 @@ def _described(value: Any, source: bool = False) -> Any:
         return [_described(x, source) for x in value]
     if isinstance(value, np.generic):
         return value.item()
+    if (ppf := getattr(value, "ppf", None)) is not None:  # a distribution, whose repr is an address
+        return np.asarray(ppf(np.linspace(0.05, 0.95, 7))).tolist()
     if isinstance(value, Scheme) or callable(value):
         kind = type(value) if isinstance(value, Scheme) else value
         name = f"{kind.__module__}:{getattr(kind, '__qualname__', kind)}"
