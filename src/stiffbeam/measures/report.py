@@ -232,15 +232,16 @@ HEADS = {  # what the heads of columns mean
     "energy lost": "Energy lost: by the scheme, of the energy supplied.",
     "impacts": "Impacts: those that the time steps show.",
 }  # fmt: skip
+ON_RIGID_STOPS = "Impacts: of a scheme one a step at most, of the reference all, beside arrays those of their steps."
 
 
 def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], heads: str) -> Iterator[str]:
     """The notes without which the tables, with these heads of columns, would be misread."""
     first, common = comparisons[0], common_window(comparisons)
     match = "" if common == first.window else ", where the impacts of all runs still match"
-    meanings = [meaning for head, meaning in HEADS.items() if head in heads]
-    if any(np.isnan(c.reference.peak_force) for c in first.contacts):  # of a rigid stop
-        meanings[-1:] = ["Impacts: of the exact motion all, of a scheme one a step at most."]
+    rigid = any(np.isnan(c.reference.peak_force) for c in first.contacts)
+    counted = {"impacts": ON_RIGID_STOPS} if rigid else {}
+    meanings = [meaning for head, meaning in (HEADS | counted).items() if head in heads]
     yield " ".join([f"Tip error: rms over max |u|, to t = {number(common)}{match}.", *meanings])
     touched, contacts = _touched(comparisons), first.contacts
     if 0 < len(touched) < len(contacts):
