@@ -173,12 +173,6 @@ def test_bdf2_by_hand_after_the_trapezoidal_rule():
             assert np.allclose(new, np.linalg.solve(eye - 2.0 * h / 3.0 * A, right), rtol=0.0, atol=1e-14)
 
 
-@pytest.mark.parametrize("scheme", CONSERVING)
-def test_without_contact_nothing_is_left_to_conserve(scheme):
-    runs = [sb.integrate(three_masses(), scheme, 1e-2, 2.0, contact) for contact in ("implicit", "conserving")]
-    np.testing.assert_allclose(runs[1].tip, runs[0].tip, rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_the_flow_of_modes_is_the_matrix_exponential(seed):
     """Under a linear force: free, slow, critical and overdamped modes."""
@@ -255,17 +249,6 @@ def test_a_scheme_of_ones_own_runs_without_registration(table10):
     case = sb.paper_case(10)
     assert list(chosen(case, [Stiffer(-0.2)])) == ["Stiffer(alpha=-0.2)"]
     assert list(chosen(case, [sb.HHT(-0.2), "bdf2"])) == ["HHT(alpha=-0.2)", "BDF2"]
-
-
-@pytest.mark.slow
-def test_a_study_takes_scheme_objects_in_worker_processes_too(tmp_path):
-    """Both are the implicit midpoint rule on a linear problem: the trapezoidal rule by another name."""
-    options = {"schemes": [Midpoint(), sb.Trapezoidal()], "steps": 64}
-    here = sb.study("modes", sb.paper_case(10), folder=tmp_path, **options)
-    there = sb.study("modes", sb.paper_case(10), jobs=2, **options)
-    assert here.table.equals(there.table)
-    assert set(here.found.scheme) == {"Midpoint(theta=0.5)", "Trapezoidal"}
-    here.figure()
 
 
 @pytest.mark.parametrize("form", ["displacement", "velocity-curvature"])
