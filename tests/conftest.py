@@ -21,7 +21,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 import hypothesis
 import pytest
-import systems
 from commands import invoke
 
 import stiffbeam as sb
@@ -94,11 +93,6 @@ def table10() -> sb.BeamProblem:
 @pytest.fixture(scope="session", params=["displacement", "velocity-curvature"])
 def table10_system(request, table10) -> sb.System:
     return sb.semidiscretise(table10, 25, request.param)
-
-
-@pytest.fixture(scope="session")
-def three_masses() -> sb.System:
-    return systems.three_masses()
 
 
 @pytest.fixture

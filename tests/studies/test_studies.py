@@ -131,6 +131,7 @@ class Mine(sb.BDF2):
 system = sb.System.from_matrices([[1.0]], [[100.0]], initial_velocity=[1.0], observe=[1.0])
 options = {"dt": 1e-2, "t_end": 1.0, "steps": 100, "schemes": ["HHT(alpha=-0.1)", Mine(), "BDF2"]}
 here, there = (sb.study("modes", system, jobs=jobs, **options) for jobs in (1, 2))
+there.figure()
 print("ONCE", there.table["scheme"].tolist(), there.lost, there.table.equals(here.table))
 """
 
