@@ -163,13 +163,12 @@ def record(kind: str) -> sb.Sampled:
     return sb.Sampled(t, 30.0 * np.sin(np.pi * np.minimum(t / 0.4, 1.0)) ** 2, kind=kind)
 
 
-def rotor(gap: float = 0.05, kappa: float = 2e3, sides: int = 8) -> sb.System:
+def rotor() -> sb.System:
     """Jeffcott rotor: a disc at (x, y) with two tilts, out of balance, between stops around it. Its gyroscopic moments
     and a whirl of the bearings make C unsymmetric."""
     stiffness = [[100.0, 0.0, 12.0, 0.0], [0.0, 110.0, 0.0, -9.0], [12.0, 0.0, 40.0, 0.0], [0.0, -9.0, 0.0, 36.0]]
     skew = block_diag([[0.0, 0.4], [-0.4, 0.0]], [[0.0, 1.5], [-1.5, 0.0]])
-    angles = 2.0 * np.pi * np.arange(sides) / sides
-    stops = sb.Stops(upper=gap, stiffness=kappa)
+    angles, stops = 0.25 * np.pi * np.arange(8), sb.Stops(upper=0.05, stiffness=2e3)
     return sb.System.from_matrices(
         np.diag([1.0, 1.0, 0.3, 0.3]), stiffness, 0.05 * np.eye(4) + skew,
         loads=[([1, 0, 0, 0], sb.Harmonic(5.0, 7.0, np.pi / 2)), ([0, 1, 0, 0], sb.Harmonic(5.0, 7.0))],

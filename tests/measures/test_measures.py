@@ -424,10 +424,10 @@ def test_a_body_that_two_stops_squeeze_from_both_sides_stays_where_it_is(method)
         assert record.peak_force == pytest.approx(5.0, rel=1e-8)
 
 
-def row_of_masses(uppers, stiffness=100.0):
+def row_of_masses(uppers):
     """Masses on springs of their own, each before a stop."""
     n = len(uppers)
-    contacts = [sb.Contact(np.eye(n)[i], sb.Stops(upper=u, stiffness=stiffness)) for i, u in enumerate(uppers)]
+    contacts = [sb.Contact(np.eye(n)[i], sb.Stops(upper=u, stiffness=100.0)) for i, u in enumerate(uppers)]
     springs = np.diag(np.arange(2.0, n + 2.0) ** 2)
     return sb.System.from_matrices(np.eye(n), springs, contacts=contacts, initial_velocity=np.ones(n))
 

@@ -61,9 +61,9 @@ def test_the_intervals_of_rates_cover_those_of_a_gaussian_motion():
     assert all(LEAST <= count / CASES <= MOST for count in inside.values()), inside
 
 
-def pressed(damping: float = 0.0, stiffness: float = 400.0) -> sb.System:
+def pressed(damping: float = 0.0) -> sb.System:
     """A mass that a prescribed base carries: u = q + 0.3 sin(2 t), q of mass 1e12 at rest, and a second, free mass."""
-    stops = sb.Stops(upper=0.1, stiffness=stiffness, damping=damping)
+    stops = sb.Stops(upper=0.1, stiffness=400.0, damping=damping)
     contact = sb.Contact([1.0, 0.0], stops, sb.Harmonic(0.3, 2.0))
     return sb.System.from_matrices(
         np.diag([1e12, 1.0]), np.diag([1e12, 9.0]), contacts=[contact], initial_velocity=[0.0, 0.7]
