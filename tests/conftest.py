@@ -24,7 +24,7 @@ import pytest
 from commands import invoke
 
 import stiffbeam as sb
-from stiffbeam.basics import progress, storage
+from stiffbeam.basics import progress
 
 # The same examples in every run, so that a failure comes again; ``--hypothesis-profile=default`` makes fresh ones. On a
 # busy machine one takes longer than the 200 ms that Hypothesis allows.
@@ -74,13 +74,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def _spread(items: list[pytest.Item], n: int) -> list[pytest.Item]:
     """``n`` of the items, spread evenly, or all that there are."""
     return [items[len(items) * k // n] for k in range(n)] if n < len(items) else items
-
-
-@pytest.fixture
-def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache of references in ``tmp_path``."""
-    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
-    return tmp_path
 
 
 @pytest.fixture(scope="session")

@@ -43,6 +43,16 @@ def two_contacts() -> sb.System:
     )  # fmt: skip
 
 
+def pair(offset: Any = None, **law: float) -> sb.System:
+    """Two masses with a drive and a dashpot between them, one of them between stops."""
+    stops = sb.Stops(lower=-0.1, upper=0.08, stiffness=4e3, **law)
+    return sb.System.from_matrices(
+        np.diag([2.0, 1.0]), [[90.0, -40.0], [-40.0, 60.0]], [[0.3, -0.2], [-0.2, 0.4]],
+        loads=[([0.0, 1.0], sb.Harmonic(9.0, 7.0, 0.3))], contacts=[sb.Contact([0.0, 1.0], stops, offset)],
+        initial_velocity=[0.5, -1.0],
+    )  # fmt: skip
+
+
 def bouncing_chain(**others: Any) -> sb.System:
     """Three masses, full mass matrix, one contact with a moving stop: small enough for every solver."""
     stops, motion = sb.Stops(-0.35, 0.25, stiffness=900.0), sb.Harmonic(0.05, 1.1)

@@ -251,9 +251,10 @@ FINITE = ("cvode-adams", "ida", pytest.param("kvaerno5", marks=pytest.mark.slow)
 
 
 @pytest.fixture
-def folder(own_cache):
+def folder(tmp_path, monkeypatch):
     """The folder of the cached files, empty."""
-    return own_cache / "references"
+    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
+    return tmp_path / "references"
 
 
 @pytest.fixture(scope="module")
