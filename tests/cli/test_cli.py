@@ -30,8 +30,8 @@ t_end = 0.05
 runs = ["bdf2", "HHT(alpha=-0.2)"]
 [case.problem]
 stiffness = 300.0
+base = { amplitude = 0.1, frequency = 10.0 }
 """
-MOVING = MINE + "base = { amplitude = 0.1, frequency = 10.0 }\n"
 
 
 def shell(*arguments, cwd):
@@ -93,7 +93,7 @@ def test_compare_pipes_json_and_writes_table_picture_rates_and_trajectories(tmp_
 
 @pytest.mark.slow
 def test_options_replace_schemes_step_folder_and_records(command, tmp_path):
-    (tmp_path / "mine.toml").write_text(MOVING, encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
     code, out, err = command(
         "compare", "mine.toml", "--schemes", "hht,HHT(alpha=-0.3),theta", "--dt", "5e-4", "--t-end",
         "0.04", "--references", "exact", "--out", "deep/folder", "--json", "records/all.json",
@@ -115,7 +115,7 @@ def test_an_interrupt_keeps_the_schemes_and_the_exact_solution(command, tmp_path
         raise KeyboardInterrupt
 
     monkeypatch.setattr(comparison, "cached_reference", stop)  # not called for the exact solution
-    (tmp_path / "mine.toml").write_text(MOVING, encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
     code, out, err = command("compare", "mine.toml", "--references", "exact,dop853", "--out", "here")
     assert code == 130
     assert "interrupted" in err
@@ -240,7 +240,7 @@ def test_the_help_of_a_command_has_every_option_with_its_help(words, command, mo
 
 
 def test_a_study_prints_its_answer_and_writes_table_text_and_picture(command, tmp_path):
-    (tmp_path / "mine.toml").write_text(MOVING, encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
     code, out, err = command(
         "study", "modes", "mine.toml", "--schemes", "BDF2,HHT(alpha=-0.2)", "--steps", "200", "--jobs", "1"
     )

@@ -319,26 +319,18 @@ def cells(thing) -> list[list[str]]:
     return [["".join(cell.itertext()) for cell in row] for row in rows]
 
 
-@pytest.fixture(scope="module")
-def things():
+def test_runs_are_pictures_and_what_is_said_of_them_is_a_table_in_a_notebook():
     system = two_contacts()
     run, reference = sb.integrate(system, sb.HHT(-0.1), 1e-3, 2.0), sb.reference(system, 2.0)
-    return {
-        "run": run,
-        "reference": reference,
-        "comparison": sb.compare(run, reference),
-        "scorecard": sb.score([sb.HHT(-0.1)], ["mass-on-a-stop"]),
-    }
-
-
-def test_a_picture_of_a_run_shows_it(things):
-    for kind, black in (("run", False), ("reference", True)):
-        figure = things[kind].plot()
+    for thing, black in ((run, False), (reference, True)):
+        figure = thing.plot()
         assert figure._repr_png_().startswith(PNG)
         line = figure.axes[0].lines[0]
-        assert np.array_equal(line.get_ydata(), things[kind].tip)
+        assert np.array_equal(line.get_ydata(), thing.tip)
         assert (line.get_color() == "black") == black
         assert all(axis.get_ylabel() for axis in figure.axes)
+    assert cells(sb.compare(run, reference))
+    assert cells(sb.score([sb.HHT(-0.1)], ["mass-on-a-stop"]))
 
 
 def test_a_reaction_of_a_rigid_stop_is_no_force_of_an_impact():
@@ -351,11 +343,6 @@ def test_a_reaction_of_a_rigid_stop_is_no_force_of_an_impact():
         largest = np.nanmax(thing.impacts.impulses)
         assert f"{thing.impacts.count} impacts, largest impulse {largest:.4g}" in figure.get_suptitle()
         assert "contact force" not in figure.get_suptitle()
-
-
-@pytest.mark.parametrize("kind", ["comparison", "scorecard"])
-def test_every_result_is_a_table_in_a_notebook(kind, things):
-    assert cells(things[kind])
 
 
 @pytest.mark.slow

@@ -173,6 +173,12 @@ def test_bdf2_by_hand_after_the_trapezoidal_rule():
             assert np.allclose(new, np.linalg.solve(eye - 2.0 * h / 3.0 * A, right), rtol=0.0, atol=1e-14)
 
 
+@pytest.mark.parametrize("scheme", CONSERVING)
+def test_without_contact_nothing_is_left_to_conserve(scheme):
+    runs = [sb.integrate(three_masses(), scheme, 1e-2, 2.0, contact) for contact in ("implicit", "conserving")]
+    np.testing.assert_allclose(runs[1].tip, runs[0].tip, rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_the_flow_of_modes_is_the_matrix_exponential(seed):
     """Under a linear force: free, slow, critical and overdamped modes."""
