@@ -21,11 +21,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 import hypothesis
 import pytest
-import systems
 from commands import invoke
 
 import stiffbeam as sb
-from stiffbeam.basics import progress, storage
+from stiffbeam.basics import progress
 
 # The same examples in every run, so that a failure comes again; ``--hypothesis-profile=default`` makes fresh ones. On a
 # busy machine one takes longer than the 200 ms that Hypothesis allows.
@@ -77,13 +76,6 @@ def _spread(items: list[pytest.Item], n: int) -> list[pytest.Item]:
     return [items[len(items) * k // n] for k in range(n)] if n < len(items) else items
 
 
-@pytest.fixture
-def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache of references in ``tmp_path``."""
-    monkeypatch.setattr(storage, "directory", lambda: tmp_path)
-    return tmp_path
-
-
 @pytest.fixture(scope="session")
 def table10() -> sb.BeamProblem:
     return sb.BeamProblem(
@@ -94,11 +86,6 @@ def table10() -> sb.BeamProblem:
 @pytest.fixture(scope="session", params=["displacement", "velocity-curvature"])
 def table10_system(request, table10) -> sb.System:
     return sb.semidiscretise(table10, 25, request.param)
-
-
-@pytest.fixture(scope="session")
-def three_masses() -> sb.System:
-    return systems.three_masses()
 
 
 @pytest.fixture

@@ -43,6 +43,16 @@ def two_contacts() -> sb.System:
     )  # fmt: skip
 
 
+def pair(offset: Any = None, **law: float) -> sb.System:
+    """Two masses with a drive and a dashpot between them, one of them between stops."""
+    stops = sb.Stops(lower=-0.1, upper=0.08, stiffness=4e3, **law)
+    return sb.System.from_matrices(
+        np.diag([2.0, 1.0]), [[90.0, -40.0], [-40.0, 60.0]], [[0.3, -0.2], [-0.2, 0.4]],
+        loads=[([0.0, 1.0], sb.Harmonic(9.0, 7.0, 0.3))], contacts=[sb.Contact([0.0, 1.0], stops, offset)],
+        initial_velocity=[0.5, -1.0],
+    )  # fmt: skip
+
+
 def bouncing_chain(**others: Any) -> sb.System:
     """Three masses, full mass matrix, one contact with a moving stop: small enough for every solver."""
     stops, motion = sb.Stops(-0.35, 0.25, stiffness=900.0), sb.Harmonic(0.05, 1.1)
@@ -163,13 +173,12 @@ def record(kind: str) -> sb.Sampled:
     return sb.Sampled(t, 30.0 * np.sin(np.pi * np.minimum(t / 0.4, 1.0)) ** 2, kind=kind)
 
 
-def rotor(gap: float = 0.05, kappa: float = 2e3, sides: int = 8) -> sb.System:
+def rotor() -> sb.System:
     """Jeffcott rotor: a disc at (x, y) with two tilts, out of balance, between stops around it. Its gyroscopic moments
     and a whirl of the bearings make C unsymmetric."""
     stiffness = [[100.0, 0.0, 12.0, 0.0], [0.0, 110.0, 0.0, -9.0], [12.0, 0.0, 40.0, 0.0], [0.0, -9.0, 0.0, 36.0]]
     skew = block_diag([[0.0, 0.4], [-0.4, 0.0]], [[0.0, 1.5], [-1.5, 0.0]])
-    angles = 2.0 * np.pi * np.arange(sides) / sides
-    stops = sb.Stops(upper=gap, stiffness=kappa)
+    angles, stops = 0.25 * np.pi * np.arange(8), sb.Stops(upper=0.05, stiffness=2e3)
     return sb.System.from_matrices(
         np.diag([1.0, 1.0, 0.3, 0.3]), stiffness, 0.05 * np.eye(4) + skew,
         loads=[([1, 0, 0, 0], sb.Harmonic(5.0, 7.0, np.pi / 2)), ([0, 1, 0, 0], sb.Harmonic(5.0, 7.0))],

@@ -181,7 +181,7 @@ FUNCTIONS = [
 ]  # fmt: skip
 
 
-def numbers_in(found: Any, seen: frozenset[int] = frozenset()) -> Any:
+def numbers_in(found: Any) -> Any:
     """(name, array) of every float that a result holds and that has to be finite."""
     if isinstance(found, (list, tuple)):
         for item in found:

@@ -26,22 +26,6 @@ class Unfriendly:
         raise RuntimeError("no length")
 
 
-def _nothing():
-    return 0.0
-
-
-def _text(_x):
-    return "text"
-
-
-def _of_two(_x, _y):
-    return 0.0
-
-
-def _raising(_x):
-    raise OSError("a function that fails")
-
-
 NUMBERS: list[Any] = [
     0, 1, -1, 2, 3, 10**18, -(10**18), 10**400, -(10**400), 10**5000, 0.0, -0.0, 1e-320, 1e-300, -1e-300, 1e-12, 0.5,
     -0.5, 1.0, 1e12, 1e18, 1e30, 1e300, -1e300, 1.7e308, float("nan"), float("inf"), -float("inf"), True, False,
@@ -62,8 +46,9 @@ OTHERS: list[Any] = [
     np.ma.array([0.0, 1.0, 2.0], mask=[0, 1, 0]), np.ma.array(np.eye(3), mask=np.eye(3) > 0.0), np.ones(3, np.float32),
     np.linspace(0.0, 1.0, 11) ** 2, np.linspace(0.0, 1.0, 11, dtype=np.float32),
     np.zeros((1, 1, 1)), np.eye(3, dtype=complex), np.arange(10**6), [[[[[]]]]], range(5), slice(None), object,
-    object(), Unfriendly(), Ellipsis, float, sb.Stops, sb.Harmonic, sb.InputError, _nothing, _text, _of_two, _raising,
-    lambda x: x, lambda x: x / 0.0, lambda x: np.full(np.shape(x), np.nan), lambda x: None, lambda x: [1.0],
+    object(), Unfriendly(), Ellipsis, float, sb.Stops, sb.Harmonic, sb.InputError, lambda: 0.0, lambda x: "text",
+    lambda x, y: 0.0, lambda x: {}[0], lambda x: x, lambda x: x / 0.0, lambda x: np.full(np.shape(x), np.nan),
+    lambda x: None, lambda x: [1.0],
     sb.Harmonic(1.0, 2.0), sb.Constant(0.0), sb.Constant(1e300), sb.Stops(upper=0.1, stiffness=1e3), sb.HHT(), sb.HHT,
     sb.Sampled([0.0, 1.0], [0.0, 1.0]), sb.PolynomialProfile((0.0,)), ("mm", "s", "N"), np, sb,
 ]  # fmt: skip

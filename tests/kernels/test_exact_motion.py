@@ -16,11 +16,8 @@ from stiffbeam.references.exact.variation import Variation
 eye = np.eye
 
 
-def chain(n: int, k: float, ends: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:
-    K = k * (2.0 * eye(n) - eye(n, k=1) - eye(n, k=-1))
-    K[0, 0] -= k * (1.0 - ends[0])
-    K[-1, -1] -= k * (1.0 - ends[1])
-    return K
+def chain(n: int, k: float) -> np.ndarray:
+    return k * (2.0 * eye(n) - eye(n, k=1) - eye(n, k=-1))
 
 
 def by_series(system: sb.System) -> Solver:

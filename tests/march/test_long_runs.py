@@ -1,4 +1,4 @@
-"""Long runs: what rounding leaves of energy, phase and impact times; work in proportion to the span; clocks."""
+"""Long runs: what rounding leaves of phase and impact times; work in proportion to the span; clocks."""
 
 from __future__ import annotations
 
@@ -18,15 +18,6 @@ import stiffbeam as sb
 from stiffbeam.references import solve
 
 EPS = np.finfo(float).eps
-
-
-@pytest.mark.slow
-def test_the_trapezoidal_rule_keeps_its_energy_without_contact_over_1e6_steps():
-    """Each step rounds the energy by less than a bit, and all of them may go one way."""
-    start = sb.PolynomialProfile((0.0, 0.0, 1.0))
-    beam = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, initial_velocity=start), 8)
-    energy = sb.integrate(beam, sb.Trapezoidal(), 1e-3, 1e3, every=10**4).energy.energy
-    assert np.max(np.abs(energy / energy[0] - 1.0)) < EPS * 1e6
 
 
 @pytest.mark.slow

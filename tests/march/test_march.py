@@ -13,7 +13,7 @@ import numpy as np
 import plain_march
 import pytest
 from scipy.interpolate import CubicHermiteSpline
-from systems import one_mass, random_chain, rotor
+from systems import one_mass, random_chain, rotor, with_stops
 
 import stiffbeam as sb
 from stiffbeam.march import block_march
@@ -457,14 +457,19 @@ def test_steps_beyond_the_end_of_a_run_take_no_part_in_it(system, dt, steps, con
     np.testing.assert_allclose(run.states[0], np.asarray(q, float), rtol=0.0, atol=1e-12 * float(np.max(np.abs(q))))
 
 
-def test_outputs_stand_up_to_the_overflow():
-    """That of a member; a single run ends there."""
+@pytest.mark.parametrize("steps", [1, 4096])
+def test_a_member_that_overflows_has_its_outputs_to_there_and_leaves_the_others_alone(steps, monkeypatch):
+    """In many calls of the kernel, in which it stays where it is, and in one; a single run ends there."""
+    monkeypatch.setattr(block_march, "STEPS_PER_CALL", steps)
     system, dt = one_mass(1.0, sb.Stops(-0.1, 0.1, stiffness=1e4, exponent=1.5), v=1.0), 0.1
+    calm = with_stops(system, sb.Stops(-10.0, 10.0, stiffness=1e4, exponent=1.5))
     with pytest.raises(sb.Diverged) as ended:
-        sb.integrate(system, sb.Trapezoidal(), dt, 3.0, "extrapolated")
-    many = sb.integrate_ensemble(system, sb.Trapezoidal(), dt, 3.0, [system], contact="extrapolated", every=1)
+        sb.integrate(system, sb.Trapezoidal(), dt, 30.0, "extrapolated")
+    many = sb.integrate_ensemble(system, sb.Trapezoidal(), dt, 30.0, [system, calm], contact="extrapolated", every=1)
     whole = np.asarray(plain_march.states(system, sb.Trapezoidal(), dt, 12, "extrapolated")[0], float)[:, 0]
     last = int(np.argmax(np.abs(whole) > 1e100))
     assert many.diverged[0] == ended.value.t == last * dt
     np.testing.assert_allclose(many.tip[0, :last], whole[:last], rtol=1e-9)
     assert np.all(np.isnan(many.tip[0, last:]))
+    assert np.isnan(many.diverged[1])
+    assert np.array_equal(many.tip[1], sb.integrate(calm, sb.Trapezoidal(), dt, 30.0, "extrapolated").tip)

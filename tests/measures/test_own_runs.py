@@ -10,6 +10,7 @@ from dataclasses import asdict, astuple, replace
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
+from systems import two_contacts
 
 import stiffbeam as sb
 
@@ -136,26 +137,19 @@ def test_a_run_at_times_of_its_own_gives_the_measures_of_its_equidistant_steps(m
     assert b.matching.median_delay == pytest.approx(a.matching.median_delay, abs=1e-6 + 2.0 * moved)
 
 
-def bouncing():
-    """A ball that bounces five times, its exact motion, and a run of it by steps."""
-    system = sb.problem("bouncing-ball").system
-    return system, sb.reference(system, 1.3), sb.integrate(system, sb.MoreauJean(0.5), 1e-3, 1.3)
-
-
 @pytest.mark.fast(4)
 @pytest.mark.parametrize("given", ["velocity", "states"])
 @pytest.mark.parametrize("whose", ["scheme", "exact", "uneven"])
 def test_a_run_against_rigid_stops_has_its_impacts_read_from_its_steps(given, whose):
-    """Of the exact motion's arrays they are its impacts; a scheme's are late by its own half step and less."""
-    system, ref, run = bouncing()
+    """A ball bounces five times. Of the exact motion's arrays they are its impacts; a scheme's are late by its own half
+    step and less."""
+    system = sb.problem("bouncing-ball").system
+    ref, run = sb.reference(system, 1.3), sb.integrate(system, sb.MoreauJean(0.5), 1e-3, 1.3)
     t = run.t if whose != "uneven" else np.cumsum(np.append(0.0, np.random.default_rng(2).uniform(2e-4, 1.8e-3, 1400)))
     t = np.append(t[t < 1.2999], 1.3)
     q, v = (x[: len(t)] for x in run.states) if whose == "scheme" else ref.state_at(t)
-    arrays = {
-        "velocity": {"tip": q[:, 0], "tip_velocity": v[:, 0]},
-        "states": {"states": (q, v)},
-    }
-    own = sb.Trajectory.from_arrays(t, system=system, **arrays[given])
+    arrays = {"states": (q, v)} if given == "states" else {"tip": q[:, 0], "tip_velocity": v[:, 0]}
+    own = sb.Trajectory.from_arrays(t, system=system, **arrays)
     times = own.impacts.times
     found = sb.compare(own, ref)
     assert len(times) == found.contacts[0].run.impacts == found.contacts[0].reference.impacts == 5
@@ -204,8 +198,6 @@ def test_states_at_times_of_ones_own_give_their_ledger(measured):
 
 
 def test_a_contact_that_the_tip_does_not_show_is_unknown_and_not_free():
-    from systems import two_contacts
-
     system = two_contacts()
     elsewhere = replace(system, observe=np.eye(system.size)[0] + 0.5 * np.eye(system.size)[-1])
     ref = sb.reference(elsewhere, 2.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from noise import noise
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 from scipy.signal import lfilter
 from scipy.stats import norm
 from systems import one_mass
@@ -61,9 +61,9 @@ def test_the_intervals_of_rates_cover_those_of_a_gaussian_motion():
     assert all(LEAST <= count / CASES <= MOST for count in inside.values()), inside
 
 
-def pressed(damping: float = 0.0, stiffness: float = 400.0) -> sb.System:
+def pressed(damping: float = 0.0) -> sb.System:
     """A mass that a prescribed base carries: u = q + 0.3 sin(2 t), q of mass 1e12 at rest, and a second, free mass."""
-    stops = sb.Stops(upper=0.1, stiffness=stiffness, damping=damping)
+    stops = sb.Stops(upper=0.1, stiffness=400.0, damping=damping)
     contact = sb.Contact([1.0, 0.0], stops, sb.Harmonic(0.3, 2.0))
     return sb.System.from_matrices(
         np.diag([1e12, 1.0]), np.diag([1e12, 9.0]), contacts=[contact], initial_velocity=[0.0, 0.7]
@@ -111,46 +111,22 @@ def test_work_of_a_prescribed_motion(damping):
     assert result.to_dataframe()["sliding_work_rate"].iloc[0] == pytest.approx(works[1] / t_end, rel=1e-3)
 
 
-@pytest.mark.slow
-def test_work_of_a_motion_that_answers_to_its_stop():
-    """Two masses, one on a stop, against DOP853 with the works as further unknowns; cvode and exact alike."""
-    K, C = np.array([[6.0, -2.0], [-2.0, 5.0]]), np.diag([0.1, 0.05])
-    contact = sb.Contact([1.0, 0.0], sb.Stops(-0.3, 0.2, stiffness=150.0))
-    load = sb.Harmonic(2.0, 1.3)
-    system = sb.System.from_matrices(np.eye(2), K, C, loads=[([1.0, 1.0], load)], contacts=[contact])
-
-    def rhs(t, y):
-        q, v = y[:2], y[2:4]
-        force = -150.0 * (max(q[0] - 0.2, 0.0) - max(-0.3 - q[0], 0.0))
-        a = 2.0 * np.sin(1.3 * t) + np.array([force, 0.0]) - K @ q - C @ v
-        return [*v, *a, abs(force * v[0]), abs(force * v[1])]
-
-    own = solve_ivp(rhs, (0.0, 30.0), np.zeros(6), "DOP853", rtol=1e-9, atol=1e-11, max_step=0.05).y[4:, -1]
-    for run, tolerance in (
-        (sb.reference(system, 30.0), QUADRATURE), (sb.reference(system, 30.0, "cvode"), QUADRATURE),
-        (sb.integrate(system, sb.HHT(-0.05), 1e-3, 30.0), 2e-3),
-    ):  # fmt: skip
-        rates = sb.contact_rates(run, tangents=[[0.0, 1.0]]).rates[0]
-        works = [30.0 * rates[name].value for name in ("normal_work", "sliding_work")]
-        np.testing.assert_allclose(works, own, rtol=tolerance)
-
-
-@pytest.mark.parametrize("damping", [0.02, 0.5])
-def test_the_stated_quadrature_holds(damping):
-    """Work of a damped mass in each contact against a fine trapezoidal rule."""
-    spring = sb.Contact([1.0, 0.0], sb.Stops(upper=0.1, stiffness=400.0))
+@pytest.mark.parametrize(("damping", "method"), [(0.02, "exact"), (0.5, "exact"), (0.02, "cvode")])
+def test_the_stated_quadrature_holds(damping, method):
+    """Work of a damped mass in each contact with either stop against a fine trapezoidal rule."""
+    spring = sb.Contact([1.0, 0.0], sb.Stops(-0.2, 0.1, stiffness=400.0))
     system = sb.System.from_matrices(
         np.eye(2), np.diag([4.0, 900.0]), np.diag([damping, 0.0]), contacts=[spring], initial_velocity=[1.0, 3.0]
     )
-    exact = sb.reference(system, 12.0)
+    exact = sb.reference(system, 12.0, method)
     result, impacts, works = sb.contact_rates(exact, tangents=[[0.0, 1.0]]), exact.contacts[0].impacts, np.zeros(2)
     for start, end in zip(impacts.times, np.where(np.isnan(impacts.ends), 12.0, impacts.ends), strict=True):
         t = np.linspace(start, end, 100_001)
         u, v = exact.at(t, contact=0)
         speeds = np.abs([v, 3.0 * np.cos(30.0 * t)])
-        works += np.trapezoid(exact.contacts[0].stops.force(u, v) * speeds, t)
+        works += np.trapezoid(np.abs(exact.contacts[0].stops.force(u, v)) * speeds, t)
     found = [12.0 * result.rates[0][name].value for name in ("normal_work", "sliding_work")]
-    np.testing.assert_allclose(found, np.abs(works), rtol=QUADRATURE)
+    np.testing.assert_allclose(found, works, rtol=QUADRATURE)
 
 
 def test_a_contact_that_the_start_of_the_rates_cuts():

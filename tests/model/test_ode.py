@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import ctypes
+from functools import partial
 
 import numpy as np
 import pytest
 import scipy.integrate
+import systems
 from systems import one_mass
 
 import stiffbeam as sb
 
-
-def pair(**law) -> sb.System:
-    """Two masses between stops, a dashpot between them, a drive and a moving stop."""
-    stops = sb.Stops(lower=-0.1, upper=0.08, stiffness=4e3, **law)
-    return sb.System.from_matrices(
-        [[2.0, 0.0], [0.0, 1.0]], [[90.0, -40.0], [-40.0, 60.0]], [[0.3, -0.2], [-0.2, 0.4]],
-        loads=[([0.0, 1.0], sb.Harmonic(9.0, 7.0, 0.3))],
-        contacts=[sb.Contact(np.array([0.0, 1.0]), stops, offset=sb.Harmonic(-0.01, 3.0))],
-        initial_velocity=[0.5, -1.0],
-    )  # fmt: skip
+pair = partial(systems.pair, sb.Harmonic(-0.01, 3.0))  # with stops that move
 
 
 def acceleration(system: sb.System, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
-from systems import one_mass
+from systems import chain, one_mass, stop
 
 import stiffbeam as sb
 from stiffbeam.model.time_functions import breakpoints_of, evaluate
@@ -68,15 +68,8 @@ def test_a_sum_adds_values_rates_and_accelerations():
     assert load == pytest.approx(one + other, abs=1e-13)
 
 
-def hammered(load, damping=0.0, contacts=1, offset=None):
-    """A chain of three masses between stops, with one load on two of them."""
-    stiffness = np.array([[40.0, -20.0, 0.0], [-20.0, 50.0, -30.0], [0.0, -30.0, 30.0]])
-    stops = [sb.Stops(-0.2, 0.2 + 0.1 * i, stiffness=3000.0) for i in range(contacts)]
-    return sb.System.from_matrices(
-        np.diag([1.0, 2.0, 1.5]), stiffness, damping * stiffness + 0.1 * bool(damping) * np.diag([1.0, 0.0, 0.0]),
-        loads=[([1.0, 0.0, 1.0], load)],
-        contacts=[sb.Contact(np.eye(3)[2 - i], stop, offset) for i, stop in enumerate(stops)],
-    )  # fmt: skip
+def hammered(load):
+    return chain(3, stop(), [(np.ones(3), load)])
 
 
 def test_records_are_equal_by_their_numbers_in_any_process():

@@ -98,10 +98,6 @@ def _base(rng: Rng, n: int | None = None, damping: str | None = None, contacts: 
     )
 
 
-def _plain(rng: Rng) -> Case:
-    return _base(rng)
-
-
 def _damped(rng: Rng) -> Case:
     return _base(rng, damping=str(rng.choice(["proportional", "dashpot", "overdamped"])))
 
@@ -247,7 +243,7 @@ def _rigid(rng: Rng) -> Case:
 
 
 FAMILIES: dict[str, Callable[[Rng], Case]] = {
-    "plain": _plain,
+    "plain": _base,
     "damped": _damped,
     "several contacts": _several,
     "moving stop": _moving,

@@ -80,13 +80,7 @@ def test_derived_units_follow_from_three(units, quantity, name):
     assert unit_of(units, quantity) == name
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [*((lambda units=units: sb.BeamProblem(stiffness=1.0, units=units), "^units must ")
-       for units in (("m", "", "N"), ("m", "s"), ("m", "s", 1), "mm", ("m", "s", "\x1b[2J"))),
-     (lambda: sb.integrate(sb.semidiscretise(STEEL, 8), sb.HHT(), 1e-4, 0.01).displacement(0.5),
-      r"x must lie in \[0, 0\.4\]")],
-)  # fmt: skip
-def test_units_and_places_that_are_none(call, words):
-    with pytest.raises(sb.InputError, match=words):
-        call()
+@pytest.mark.parametrize("units", [("m", "", "N"), ("m", "s"), ("m", "s", 1), "mm", ("m", "s", "\x1b[2J")])
+def test_units_that_are_none(units):
+    with pytest.raises(sb.InputError, match=r"^units must "):
+        sb.BeamProblem(stiffness=1.0, units=units)

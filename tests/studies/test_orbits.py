@@ -17,14 +17,10 @@ OPTIONS = {"dt": 1e-2, "t_end": 20.0}
 VALUES = np.linspace(2.5, 2.65, 5).tolist()
 
 
-@pytest.fixture(scope="module")
-def records():
-    return study("orbits", OSCILLATOR, values=VALUES, **OPTIONS)
-
-
-def test_the_section_lies_on_the_stable_branch(records):
+def test_the_section_lies_on_the_stable_branch():
     """Another way to the same motion: where the tip repeats itself once a period, it is the orbit's."""
-    orbits = [row for row in records.table.to_dict("records") if row["kind"] == "orbit" and row["length"] == 1]
+    found = study("orbits", OSCILLATOR, values=VALUES, **OPTIONS)
+    orbits = [row for row in found.table.to_dict("records") if row["kind"] == "orbit" and row["length"] == 1]
     swept = study("sweep", OSCILLATOR, values=VALUES, method="exact", periods=4, transient=60, **OPTIONS)
     settled = {value: tips for value, tips in sections(swept.found, "frequency").items() if np.ptp(tips) < 1e-4}
     assert settled

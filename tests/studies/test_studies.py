@@ -129,17 +129,20 @@ import stiffbeam as sb
 class Mine(sb.BDF2):
     pass
 system = sb.System.from_matrices([[1.0]], [[100.0]], initial_velocity=[1.0], observe=[1.0])
-records = sb.study("modes", system, dt=1e-2, t_end=1.0, jobs=2, steps=100, schemes=["HHT(alpha=-0.1)", Mine(), "BDF2"])
-print("ONCE", records.table["mode"].tolist(), records.lost)
+options = {"dt": 1e-2, "t_end": 1.0, "steps": 100, "schemes": ["HHT(alpha=-0.1)", Mine(), "BDF2"]}
+here, there = (sb.study("modes", system, jobs=jobs, **options) for jobs in (1, 2))
+there.figure()
+print("ONCE", there.table["scheme"].tolist(), there.lost, there.table.equals(here.table))
 """
 
 
 @pytest.mark.slow
 def test_a_script_without_a_guard_runs_its_study_in_processes(tmp_path):
+    """With a scheme of its own, to the same rows as in one."""
     (tmp_path / "script.py").write_text(SCRIPT)
     done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "ONCE [1, 1, 1] {}\n"
+    assert done.stdout == "ONCE ['HHT(alpha=-0.1)', 'Mine', 'BDF2'] {} True\n"
 
 
 def test_every_study_of_the_package_has_a_question_and_help_for_its_options():

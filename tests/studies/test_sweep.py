@@ -9,26 +9,14 @@ import pytest
 from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.files.cases import Case
 from stiffbeam.studies import study
 from stiffbeam.studies.sweep import repeats_after, sections
 
 SHORT = {"periods": 3, "transient": 2}
-
-
 TABLE10 = sb.paper_case(10)
-
-
-# Smooth and damped, so that the start is forgotten to rounding within the transient.
-LINEAR = Case(
-    name="linear",
-    title="a viscous beam without stops",
-    problem=sb.BeamProblem(stiffness=300.0, viscosity=3.0, base=sb.Harmonic(0.2, 10.0, phase=0.3)),
-    cells=8,
-    dt=1e-3,
-    t_end=1.0,
-    runs=((sb.Trapezoidal(), "displacement"),),
-)
+# Without stops, smooth and damped, so that the start is forgotten to rounding within the transient.
+VISCOUS = sb.BeamProblem(stiffness=300.0, viscosity=3.0, base=sb.Harmonic(0.2, 10.0, phase=0.3))
+LINEAR = replace(TABLE10, problem=VISCOUS, cells=8, dt=1e-3, t_end=1.0, runs=((sb.Trapezoidal(), "displacement"),))
 
 
 def steady_tip(problem: sb.BeamProblem, rate) -> float:
@@ -168,10 +156,6 @@ def test_a_drop_without_a_drive_is_swept_from_its_start_to_its_end(method):
     assert "Single runs, t = 0 to 1" in str(records)
 
 
-def driven(stop: sb.Stops, damping: float) -> sb.System:
-    return one_mass(1.0, stop, damping=damping, load=sb.Harmonic(1.0, 2.6))
-
-
 def test_the_period_of_a_motion_is_that_of_its_size():
     """With its stop at 0 a mass moves in proportion to the load, so that its period is the same at all amplitudes."""
     stops = sb.Stops(upper=0.0, stiffness=25.0)
@@ -184,7 +168,8 @@ def test_the_period_of_a_motion_is_that_of_its_size():
 def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
     """Not for a field of the ensemble beneath it, at every value anew."""
     options = {"values": [2.5, 3.5], "method": "exact", "periods": 3, "dt": 1e-2, "t_end": 1.0}
-    hertz = driven(sb.Stops(upper=0.5, stiffness=9.0, exponent=1.5), 0.5)
+    stops = sb.Stops(upper=0.5, stiffness=9.0, exponent=1.5)
+    hertz = one_mass(1.0, stops, damping=0.5, load=sb.Harmonic(1.0, 2.6))
     with pytest.raises(sb.InputError, match=r"a linear law, .* name a scheme as method, or transient=0"):
         study("sweep", hertz, transient=2, **options)
     assert study("sweep", hertz, transient=0, **options).answer.verdict.startswith("exact over frequency")

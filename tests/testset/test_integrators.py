@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from systems import pair
 
 import stiffbeam as sb
 from stiffbeam.files.cases import case_of
@@ -23,15 +24,6 @@ def runge_kutta(system, dt, t_end):
         k3 = ode.rhs(t + dt / 2, y + dt / 2 * k2)
         states.append(y + dt / 6 * (k1 + 2.0 * k2 + 2.0 * k3 + ode.rhs(t + dt, y + dt * k3)))
     return times, ode.displacement(states), ode.velocity(states)
-
-
-def pair() -> sb.System:
-    return sb.System.from_matrices(
-        np.diag([2.0, 1.0]), [[90.0, -40.0], [-40.0, 60.0]], [[0.3, -0.2], [-0.2, 0.4]],
-        loads=[([0.0, 1.0], sb.Harmonic(9.0, 7.0, 0.3))],
-        contacts=[sb.Contact(np.array([0.0, 1.0]), sb.Stops(lower=-0.1, upper=0.08, stiffness=4e3))],
-        initial_velocity=[0.5, -1.0],
-    )  # fmt: skip
 
 
 def recorded(system, dt, t_end, name="radau"):

@@ -37,7 +37,7 @@ def outcomes(card):
     return {entry.problem.name: entry.outcome for entry in card.entries}
 
 
-def wrong(stiffness=1.0, restitution=1.0, damping=1.0, late=0.0, delay=0.0, velocity=1.0, scheme=None):
+def wrong(stiffness=1.0, restitution=1.0, damping=1.0, late=0.0, delay=0.0, velocity=1.0):
     """A solver with planted errors: numbers of the system off by factors, loads ``late`` steps late, and the run late
     by a share ``delay`` of its span and its velocity off by a factor."""
 
@@ -50,7 +50,7 @@ def wrong(stiffness=1.0, restitution=1.0, damping=1.0, late=0.0, delay=0.0, velo
         if late:
             shifted = lambda f: replace(f, phase=f.phase - late * f.frequency * dt)  # noqa: E731
             other = replace(other, loads=tuple((vector, shifted(f)) for vector, f in system.loads))
-        run = sb.integrate(other, scheme or (sb.MoreauJean(theta=0.5) if system.rigid else sb.Trapezoidal()), dt, t_end)
+        run = sb.integrate(other, sb.MoreauJean(theta=0.5) if system.rigid else sb.Trapezoidal(), dt, t_end)
         u, v = (np.interp(run.t - delay * t_end, run.t, x) for x in (run.tip, run.tip_velocity))
         return run.t, u, velocity * v
 
