@@ -46,8 +46,7 @@ typedef struct { /* a flight from t on */
 typedef struct { double s; Int contact, side; } Event; /* contact -1: none until s */
 
 typedef struct { /* one call */
-    const Free *free, *up, *low; /* up, low: with its only contact pressed (or NULL), whose modes are V eta */
-    const double *V;
+    const Free *free;
     State *c;
     double t_end, free_fast;
     int full; /* terms of a series at full length */
@@ -642,7 +641,7 @@ static const Free *flies(const Motion *x, double *length)
     const Free *f = x->free;
     const Int *side = x->c->side;
     if (f->m == 1 && side[0] != 0) {
-        f = side[0] == 1 ? x->up : side[0] == -1 ? x->low : NULL;
+        f = side[0] == 1 ? f->up : side[0] == -1 ? f->low : NULL;
         if (!f || f->kind == 0) return NULL;
     } else {
         for (Int i = 0; i < f->m; i++)
@@ -678,7 +677,7 @@ static double begin(Motion *x, double length, const Free **flown, int *K)
     if (*flown) {
         const double *eta = c->eta, *rate = c->rate;
         if (*flown != x->free) {
-            to_pressed(x->V, eta, x->turned, n), to_pressed(x->V, rate, x->turned_rate, n);
+            to_pressed(x->free->V, eta, x->turned, n), to_pressed(x->free->V, rate, x->turned_rate, n);
             eta = x->turned, rate = x->turned_rate;
         }
         launch(*flown, c->t, c->piece, length, eta, rate, x->s.G, &x->g);
@@ -699,8 +698,8 @@ static void state_at(Motion *x, const Free *flown, int K, double tau, double *et
     else if (flown == x->free) land(flown, &x->g, x->c->t, tau, eta, rate);
     else {
         land(flown, &x->g, x->c->t, tau, x->turned, x->turned_rate);
-        from_pressed(x->V, x->turned, eta, n);
-        from_pressed(x->V, x->turned_rate, rate, n);
+        from_pressed(x->free->V, x->turned, eta, n);
+        from_pressed(x->free->V, x->turned_rate, rate, n);
     }
 }
 
@@ -1252,12 +1251,11 @@ static Int run(Motion *x)
 static size_t layout(Motion *x, double *block)
 {
     const Free *f = x->free;
-    Int n = f->n, m = f->m, B = 2 * f->F + f->R, N = f->N, T = N + f->F, at = 0;
+    Int n = f->n, m = f->m, B = 2 * f->F + f->R, N = f->N, T, at = 0;
     if (n > N) N = n;
-    if (x->up && x->up->N > N) N = x->up->N;
-    if (x->low && x->low->N > N) N = x->low->N;
+    if (f->up && f->up->N > N) N = f->up->N;
+    if (f->low && f->low->N > N) N = f->low->N;
     T = N + f->F;
-    if (T < n + f->F) T = n + f->F;
 #define REALS(name, count) (name = block ? block + at : NULL, at += (count))
 #define INTS(name, count) (name = block ? (Int *)(block + at) : NULL, at += (count))
     REALS(x->turned, n), REALS(x->turned_rate, n);
@@ -1285,10 +1283,9 @@ static double *prepared(Motion *x)
     return block;
 }
 
-Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V, State *state, double t_end,
-                 Output *out)
+Int exact_follow(const Free *f, State *state, double t_end, Output *out)
 {
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = state, .t_end = t_end, .out = out};
+    Motion x = {.free = f, .c = state, .t_end = t_end, .out = out};
     double *block = prepared(&x);
     if (!block) return NO_MEMORY;
     Int result = run(&x);
@@ -1297,18 +1294,6 @@ Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V
 }
 
 /* ------------------------------------------------------------------ the motion again, from its marks */
-
-/* A state of its own, for parts of a motion: 4 n + m reals and 5 m integers. */
-static double *own_state(State *c, const Free *f)
-{
-    Int n = f->n, m = f->m;
-    double *block = calloc((size_t)(4 * n + 6 * m + 1), sizeof(double));
-    if (!block) return NULL;
-    c->eta = block, c->rate = block + n, c->lost = block + 2 * n, c->speed = block + 4 * n;
-    c->side = (Int *)(c->speed + m), c->fresh = c->side + m, c->fresh_side = c->fresh + m, c->closed = c->fresh_side + m;
-    c->slack = c->size = (double *)(c->closed + m);
-    return block;
-}
 
 static void restore(Motion *x, Int k, const Marks *marks)
 {
@@ -1328,24 +1313,23 @@ static void restore(Motion *x, Int k, const Marks *marks)
     memset(c->lost, 0, (size_t)(2 * n) * sizeof(double));
 }
 
-Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
-               Int count, const double *times, const Int *mark_of, double *eta_at, double *rate_at, double *force_at)
+Int exact_read(const Free *f, State *c, const Marks *marks, Int count, const double *times, const Int *mark_of,
+               double *eta_at, double *rate_at, double *force_at)
 {
-    State c = {0};
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c};
-    double *block = prepared(&x), *own = own_state(&c, f);
-    Int n = f->n, m = f->m, result = block && own ? DONE : NO_MEMORY;
-    for (Int i = 0; i < count && result == DONE;) {
+    Motion x = {.free = f, .c = c};
+    double *block = prepared(&x);
+    Int n = f->n, m = f->m, result = block ? DONE : NO_MEMORY;
+    for (Int i = 0; result == DONE && i < count;) {
         Int last = i;
         while (last + 1 < count && mark_of[last + 1] == mark_of[i]) last++;
         restore(&x, mark_of[i], marks);
         while (i <= last) {
             int K = 0;
             const Free *flown;
-            double h = begin(&x, most(room_for(&x, times[last]), 1e-300), &flown, &K), until = c.t + h;
-            if (until == c.t) until = times[i]; /* roundings of the time are left */
+            double h = begin(&x, most(room_for(&x, times[last]), 1e-300), &flown, &K), until = c->t + h;
+            if (until == c->t) until = times[i]; /* roundings of the time are left */
             for (; i <= last && times[i] <= until; i++) {
-                double tau = most(0.0, times[i] - c.t);
+                double tau = most(0.0, times[i] - c->t);
                 state_at(&x, flown, K, tau, eta_at + i * n, rate_at + i * n);
                 forces_at(&x, flown, K, tau, force_at + i * m);
             }
@@ -1353,7 +1337,6 @@ Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, 
         }
     }
     free(block);
-    free(own);
     return result;
 }
 
@@ -1395,15 +1378,14 @@ static double press_in_flight(Motion *x, const Free *f, double way, double stop,
     return best;
 }
 
-Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
-                Int contact, Int count, const double *starts, const double *ends, double *peak, double *impulse)
+Int exact_press(const Free *f, State *c, const Marks *marks, Int contact, Int count, const double *starts,
+                const double *ends, double *peak, double *impulse)
 {
-    State c = {0};
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c};
-    double *block = prepared(&x), *own = own_state(&c, f), p[MOST + 1];
-    Int m = f->m, result = block && own ? DONE : NO_MEMORY, k = 0;
+    Motion x = {.free = f, .c = c};
+    double *block = prepared(&x), p[MOST + 1];
+    Int m = f->m, k = 0, result = block ? DONE : NO_MEMORY;
     double kappa = f->laws[3 * contact], dash = f->laws[3 * contact + 1];
-    for (Int i = 0; i < count && result == DONE; i++) {
+    for (Int i = 0; result == DONE && i < count; i++) {
         while (k + 1 < marks->count && marks->t[k + 1] <= starts[i]) k++;
         peak[i] = impulse[i] = 0.0;
         for (Int at = k; at < marks->count && (at == k || marks->t[at] < ends[i]); at++) {
@@ -1411,14 +1393,14 @@ Int exact_press(const Free *f, const Free *up, const Free *low, const double *V,
             Int side = marks->side[at * m + contact];
             if ((side != 1 && side != -1) || until <= starts[i]) continue;
             restore(&x, at, marks);
-            while (c.t < until) {
+            while (c->t < until) {
                 int K = 0;
                 const Free *flown;
                 double h = begin(&x, room_for(&x, until), &flown, &K), way = (double)side, stop = stop_of(f, contact, side);
-                double a = most(0.0, starts[i] - c.t), b = least(h, until - c.t);
-                if (c.t + h == c.t) break;
+                double a = most(0.0, starts[i] - c->t), b = least(h, until - c->t);
+                if (c->t + h == c->t) break;
                 if (a < b && flown) {
-                    see(flown, c.t, &x.g);
+                    see(flown, c->t, &x.g);
                     peak[i] = press_in_flight(&x, flown, way, stop, a, b, peak[i], impulse + i);
                 } else if (a < b) {
                     int degree = rigid(f, contact) ? K - 2 : K - 1;
@@ -1433,6 +1415,5 @@ Int exact_press(const Free *f, const Free *up, const Free *low, const double *V,
         }
     }
     free(block);
-    free(own);
     return result;
 }
