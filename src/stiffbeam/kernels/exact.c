@@ -63,6 +63,14 @@ static double stop_of(const Free *f, Int i, Int side) { return f->stops[2 * i + 
 static int rigid(const Free *f, Int i) { return isinf(f->laws[3 * i]); }
 static int presses(const State *c, Int i) { return c->side[i] == 1 || c->side[i] == -1; }
 
+/* Sum of the sizes of the terms of row_i x. */
+static double terms_of(const Free *f, Int i, const double *x)
+{
+    double terms = 0.0;
+    for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j] * x[j]);
+    return terms;
+}
+
 /* ------------------------------------------------------------------ series */
 
 /* Terms of a series over x radians: what is left out is below rounding. */
@@ -109,11 +117,11 @@ HOT static void free_term(double *restrict new, const double *restrict before, c
     for (Int j = 0; j < n; j++) new[j] = (1.0 - k) * drag[j] * before[j] - w2[j] * old[j];
 }
 
-/* Term k - 2 of the force of a spring and dashpot that presses. */
-static double spring_term(const Free *f, const State *c, const Series *s, int k, Int i)
+/* Term k of the force on a spring and dashpot at a stop. */
+static double spring_term(const Free *f, const Series *s, int k, Int i, Int side)
 {
-    double g = k == 2 ? stop_of(f, i, c->side[i]) : 0.0;
-    return -(f->laws[3 * i] * (s->u[(k - 2) * f->m + i] - g) + f->laws[3 * i + 1] * (k - 1.0) * s->u[(k - 1) * f->m + i]);
+    double g = k == 0 ? stop_of(f, i, side) : 0.0;
+    return f->laws[3 * i] * (s->u[k * f->m + i] - g) + f->laws[3 * i + 1] * (k + 1.0) * s->u[(k + 1) * f->m + i];
 }
 
 /* The contacts that rigid stops hold, and the inverse of their rows rows^T. */
@@ -144,7 +152,7 @@ static void term(const Free *f, const State *c, Series *s, int k, Int count)
     for (Int j = 0; f->coupling == 2 && j < n; j++) new[j] -= (k - 1.0) * dot(f->damping + j * n, before, n);
     for (Int i = 0; i < m; i++)
         if (presses(c, i) && !rigid(f, i)) {
-            lam[i] = spring_term(f, c, s, k, i);
+            lam[i] = -spring_term(f, s, k - 2, i, c->side[i]);
             add(new, f->rows + i * n, lam[i], n);
         }
     for (int pass = 0; pass < 2; pass++) { /* the second takes what rounding left: what is held everywhere stays at rest */
@@ -240,12 +248,7 @@ static double fastest(const Free *f, const State *c)
 /* Coefficients (K+1,) of the rounding of a contact's position. */
 static void rounding_of(const Free *f, const Series *s, Int i, int K, double *noise)
 {
-    Int n = f->n;
-    for (int k = 0; k <= K; k++) {
-        double terms = 0.0;
-        for (Int j = 0; j < n; j++) terms += fabs(f->rows[i * n + j] * s->a[k * n + j]);
-        noise[k] = ROUNDINGS * EPS * terms;
-    }
+    for (int k = 0; k <= K; k++) noise[k] = ROUNDINGS * EPS * terms_of(f, i, s->a + k * f->n);
 }
 
 /* Coefficients (K-1,) of the rounding of a held contact's reaction: that of all forces on it. */
@@ -292,8 +295,7 @@ static Event watch(const Free *f, int K, double h, const State *c, const Series 
                 for (int k = 0; loose && !rigid(f, i) && k < K - 1; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
                 at = first_zero(p, K - 1, e.s, zeros);
             } else { /* let go: the force that is cut off, then the depth */
-                for (int k = 0; k < K; k++)
-                    p[k] = -(double)way * (kappa * (s->u[k * m + i] - (k == 0 ? g : 0.0)) + dash * (k + 1.0) * s->u[(k + 1) * m + i]);
+                for (int k = 0; k < K; k++) p[k] = -(double)way * spring_term(f, s, k, i, way);
                 for (int k = 0; loose && k < K; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
                 at = first_zero(p, K, e.s, zeros);
                 for (int k = 0; k <= K; k++) p[k] = (double)way * s->u[k * m + i];
@@ -793,8 +795,7 @@ static double rate_rounding(const Motion *x, Int i)
 {
     const Free *f = x->free;
     Int B = 2 * f->F + f->R;
-    double terms = 0.0;
-    for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j] * x->c->rate[j]);
+    double terms = terms_of(f, i, x->c->rate);
     for (Int b = 0; b < B; b++) terms += fabs(f->offsets[b * f->m + i] * x->s.G[B + b]);
     return 4.0 * EPS * terms;
 }
@@ -813,6 +814,15 @@ static void blow(Motion *x)
         }
     outward(x, x->v);
     for (Int k = first; k < o->blows; k++) o->blow_after[k] = -(double)x->c->closed[o->blow_contact[k]] * x->v[o->blow_contact[k]];
+}
+
+/* The closed contacts stop. */
+static void halt(Motion *x)
+{
+    outward(x, x->v);
+    memcpy(x->r, x->v, (size_t)x->free->m * sizeof(double));
+    push(x, 1);
+    blow(x);
 }
 
 /* Open rigid contacts that reach their stops together with `hit` but for rounding are closed as well; each is an event. */
@@ -939,6 +949,19 @@ static Int driven_back(Motion *x, const Int *left)
     return -1;
 }
 
+/* Speeds and derivatives at which gaps open, put aside while `driven_back` looks, and back. */
+static void keep_gaps(Motion *x)
+{
+    memcpy(x->b, x->c->speed, (size_t)x->free->m * sizeof(double));
+    memcpy(x->on, x->c->fresh, (size_t)x->free->m * sizeof(Int));
+}
+
+static void restore_gaps(Motion *x)
+{
+    memcpy(x->c->speed, x->b, (size_t)x->free->m * sizeof(double));
+    memcpy(x->c->fresh, x->on, (size_t)x->free->m * sizeof(Int));
+}
+
 /* If contact `hit` chatters to rest in so short a time that acceleration and its rate are all there is, its speed is
  * taken at once, and it is held; unless another contact that moves it is hit before the last of these impacts. */
 static void chatter(Motion *x, Int hit)
@@ -961,12 +984,8 @@ static void chatter(Motion *x, Int hit)
     c->side[hit] = c->fresh_side[hit], c->fresh[hit] = 0;
     close_held(x, hit, c->side[hit]);
     for (Int i = 0; i < m; i++) coupled |= i != hit && f->meet[hit * m + i] != 0.0;
-    outward(x, x->v);
-    memcpy(x->r, x->v, (size_t)m * sizeof(double));
-    push(x, 1);
-    blow(x);
-    memcpy(x->b, c->speed, (size_t)m * sizeof(double));
-    memcpy(x->on, c->fresh, (size_t)m * sizeof(Int));
+    halt(x);
+    keep_gaps(x);
     int another = driven_back(x, x->left) >= 0;
     if (!another) {
         expand_here(x, x->full);
@@ -974,8 +993,7 @@ static void chatter(Motion *x, Int hit)
         another = next.contact >= 0 && c->side[next.contact] == 0;
     }
     if (coupled && another) { /* impact by impact, then */
-        memcpy(c->speed, x->b, (size_t)m * sizeof(double));
-        memcpy(c->fresh, x->on, (size_t)m * sizeof(Int));
+        restore_gaps(x);
         memcpy(c->rate, x->turned, (size_t)f->n * sizeof(double));
         x->out->blows = blows, c->side[hit] = c->closed[hit] = 0, c->fresh[hit] = 1;
     }
@@ -1004,9 +1022,7 @@ static int start(Motion *x, Int *hit)
                 continue;
             }
             for (;;) {
-                double terms = 0.0;
-                for (Int j = 0; j < n; j++) terms += fabs(f->rows[i * n + j] * x->s.a[first * n + j]);
-                if (fabs(into) > 16.0 * EPS * terms || first == 8) break;
+                if (fabs(into) > 16.0 * EPS * terms_of(f, i, x->s.a + first * n) || first == 8) break;
                 into = (double)s * x->s.u[++first * m + i];
             }
             c->fresh[i] = first, c->fresh_side[i] = s;
@@ -1070,10 +1086,7 @@ static int rest(Motion *x, Int hit)
     if (!(fabs(x->v[hit]) < 1e-12 * c->fastest)) return 0;
     for (Int i = 0; i < f->m; i++)
         if (x->left[i] != 0) c->closed[i] = x->left[i], c->fresh[i] = 0;
-    outward(x, x->v);
-    memcpy(x->r, x->v, (size_t)f->m * sizeof(double));
-    push(x, 1);
-    blow(x);
+    halt(x);
     strike(x, -1);
     return 1;
 }
@@ -1124,9 +1137,9 @@ static void act(Motion *x)
     c->waits = 0;
     if (f->m < 2) return;
     mark_left(x); /* one that left twice may have been driven back twice: its turn comes at the same time */
-    memcpy(x->b, c->speed, (size_t)f->m * sizeof(double)), memcpy(x->on, c->fresh, (size_t)f->m * sizeof(Int));
+    keep_gaps(x);
     Int back = driven_back(x, x->left);
-    memcpy(c->speed, x->b, (size_t)f->m * sizeof(double)), memcpy(c->fresh, x->on, (size_t)f->m * sizeof(Int));
+    restore_gaps(x);
     if (back >= 0) c->waits = 2, c->hit = back;
 }
 
@@ -1143,9 +1156,8 @@ static void turn_of(Motion *x, Int i)
 static double rounding(const Motion *x, Int i, Int side, double h)
 {
     const Free *f = x->free;
-    double terms = side ? fabs(stop_of(f, i, side)) : 0.0;
-    for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j]) * (fabs(x->c->eta[j]) + fabs(x->c->rate[j]) * h);
-    return ROUNDINGS * EPS * terms + 1e-300;
+    double stop = side ? fabs(stop_of(f, i, side)) : 0.0;
+    return ROUNDINGS * EPS * (stop + terms_of(f, i, x->c->eta) + terms_of(f, i, x->c->rate) * h) + 1e-300;
 }
 
 /* Whether a spring's contact at its stop turns back before it has passed it by more than `lost`: no event. */
@@ -1357,7 +1369,7 @@ static double press_on(const double *p, int n, double h, double best, double *im
 }
 
 /* The same of the only contact, a spring, in a flight over [a, b]: series of the terms that have not decayed yet. */
-static double press_in_flight(Motion *x, const Free *f, double way, double stop, double a, double b, double best, double *impulse)
+static double press_in_flight(Motion *x, const Free *f, Int side, double a, double b, double best, double *impulse)
 {
     Flight *g = &x->g;
     Int T = g->T, alive = T;
@@ -1370,8 +1382,8 @@ static double press_in_flight(Motion *x, const Free *f, double way, double stop,
         while (alive && g->sizes[alive - 1] * hypot(g->C[alive - 1], g->S[alive - 1]) < 1e-18 * size) alive--;
         double fast = alive ? f->sorted[2 * T + alive - 1] : 0.0, h = least(b - a, RADIANS / most(fast, 1e-300));
         gap_series(f, g, 0, a, alive, K, p, &rest);
-        p[0] -= stop;
-        for (int k = 0; k <= K; k++) p[k] *= way * kappa;
+        p[0] -= stop_of(f, 0, side);
+        for (int k = 0; k <= K; k++) p[k] *= (double)side * kappa;
         best = press_on(p, K, h, best, impulse);
         a += h;
     }
@@ -1384,7 +1396,6 @@ Int exact_press(const Free *f, State *c, const Marks *marks, Int contact, Int co
     Motion x = {.free = f, .c = c};
     double *block = prepared(&x), p[MOST + 1];
     Int m = f->m, k = 0, result = block ? DONE : NO_MEMORY;
-    double kappa = f->laws[3 * contact], dash = f->laws[3 * contact + 1];
     for (Int i = 0; result == DONE && i < count; i++) {
         while (k + 1 < marks->count && marks->t[k + 1] <= starts[i]) k++;
         peak[i] = impulse[i] = 0.0;
@@ -1396,17 +1407,16 @@ Int exact_press(const Free *f, State *c, const Marks *marks, Int contact, Int co
             while (c->t < until) {
                 int K = 0;
                 const Free *flown;
-                double h = begin(&x, room_for(&x, until), &flown, &K), way = (double)side, stop = stop_of(f, contact, side);
+                double h = begin(&x, room_for(&x, until), &flown, &K), way = (double)side;
                 double a = most(0.0, starts[i] - c->t), b = least(h, until - c->t);
                 if (c->t + h == c->t) break;
                 if (a < b && flown) {
                     see(flown, c->t, &x.g);
-                    peak[i] = press_in_flight(&x, flown, way, stop, a, b, peak[i], impulse + i);
+                    peak[i] = press_in_flight(&x, flown, side, a, b, peak[i], impulse + i);
                 } else if (a < b) {
                     int degree = rigid(f, contact) ? K - 2 : K - 1;
                     for (int l = 0; l <= degree; l++)
-                        p[l] = rigid(f, contact) ? -way * x.s.lam[l * m + contact]
-                            : way * (kappa * (x.s.u[l * m + contact] - (l == 0 ? stop : 0.0)) + dash * (l + 1.0) * x.s.u[(l + 1) * m + contact]);
+                        p[l] = way * (rigid(f, contact) ? -x.s.lam[l * m + contact] : spring_term(f, &x.s, l, contact, side));
                     shifted(p, degree, a);
                     peak[i] = press_on(p, degree, b - a, peak[i], impulse + i);
                 }

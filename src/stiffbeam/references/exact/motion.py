@@ -223,12 +223,7 @@ class Solver:
         first = np.unique(np.concatenate([[0], events[3]]))
         first = first[: np.searchsorted(first, len(marks.t))]
         seen = (stations, *passed) if len(passed[0]) == len(stations) else None
-        times = marks.t[first]
-        times[0] = t
-        return Motion(
-            self.system, self.free, times, marks.side[first], first, marks, follower.state.evaluations, events, blows,
-            seen,
-        )  # fmt: skip
+        return Motion(self.system, self.free, marks, first, follower.state.evaluations, events, blows, seen)
 
     def _follower(
         self, start: Sequence[Array] | None, t: float = 0.0, sides: IntArray | None = None,
@@ -255,14 +250,14 @@ class Solver:
         return self._follower(start, t, sides, None if sides is None else fresh).first_event(t_end)
 
 
-_NONE, _WHOLE = np.zeros(0), np.zeros(0, np.int64)
-NO_EVENTS = _NONE, _WHOLE, _WHOLE, _WHOLE
-NO_BLOWS = Blows(_NONE, _NONE, _NONE, _NONE, _WHOLE, _WHOLE, _WHOLE)
+_WHOLE = np.zeros(0, np.int64)
+NO_EVENTS = NO_TIMES, _WHOLE, _WHOLE, _WHOLE
+NO_BLOWS = Blows(*4 * [NO_TIMES], *3 * [_WHOLE])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion:
-    """Segments: at times[i] the contacts are on sides[i] (m,), see exact.h; first_mark[i] is the mark there.
+    """Segments: first_mark[i] is the mark where segment i begins, at times[i] with the contacts on sides[i] (m,).
 
     events: times, contacts, sides behind (9 times the stop: thrown back) and marks behind, (events,) each. blows: the
     impulses of rigid stops.
@@ -270,10 +265,8 @@ class Motion:
 
     system: System
     free: Free
-    times: Array
-    sides: IntArray
-    first_mark: IntArray
     marks: Marks
+    first_mark: IntArray
     evaluations: int
     events: Events = NO_EVENTS
     blows: Blows = NO_BLOWS
@@ -285,8 +278,17 @@ class Motion:
         if count >= len(self.times):
             return self
         marks = Marks(*(np.ascontiguousarray(x[: self.first_mark[count]]) for x in self.marks))
-        kept = {"times": self.times[:count], "sides": self.sides[:count], "first_mark": self.first_mark[:count]}
-        return replace(self, **kept, marks=marks, last=[])
+        return replace(self, marks=marks, first_mark=self.first_mark[:count], last=[])
+
+    @cached_property
+    def times(self) -> Array:
+        """Times at which the segments begin."""
+        return self.marks.t[self.first_mark]
+
+    @cached_property
+    def sides(self) -> IntArray:
+        """Sides of the contacts in every segment, (segments, m), see exact.h."""
+        return self.marks.side[self.first_mark]
 
     @cached_property
     def fastest(self) -> float:
@@ -325,16 +327,10 @@ class Motion:
         eta, rate, _ = self._read(t, piece)
         return eta @ self.free.X.T, rate @ self.free.X.T
 
-    def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
-        """row @ q and its rate at any times, (k,)."""
-        eta, rate, _ = self._read(t)
-        row = row @ self.free.X
-        return eta @ row, rate @ row
-
     def path(self, t: Array, channel: int) -> tuple[Array, Array]:
         """Position and velocity of a channel at any times, (k,) each; of a held contact those of its stop."""
         row, function = self.system.channels[channel]
-        u, v = self.observed(t, row)
+        u, v = (x @ (row @ self.free.X) for x in self._read(t)[:2])
         if function is not None:
             u, v = u + offset_values(function, t), v + offset_rate(function, t)
         if not self.system.rigid or channel >= len(self.system.contacts):
@@ -402,14 +398,7 @@ class Motion:
 def joined(parts: Sequence[Motion]) -> Motion:
     """One motion of parts that follow each other."""
     behind = np.cumsum([0, *(len(part.marks.t) for part in parts)])
-    first = [part.first_mark + k for part, k in zip(parts, behind, strict=False)]
-    return replace(
-        parts[0],
-        times=np.concatenate([part.times for part in parts]),
-        sides=np.concatenate([part.sides for part in parts]),
-        first_mark=np.concatenate(first),
-        marks=Marks(*(np.concatenate(x) for x in zip(*(part.marks for part in parts), strict=True))),
-        evaluations=sum(part.evaluations for part in parts),
-        seen=None,
-        last=[],
-    )
+    first = np.concatenate([part.first_mark + k for part, k in zip(parts, behind, strict=False)])
+    marks = Marks(*(np.concatenate(x) for x in zip(*(part.marks for part in parts), strict=True)))
+    evaluations = sum(part.evaluations for part in parts)
+    return replace(parts[0], marks=marks, first_mark=first, evaluations=evaluations, seen=None, last=[])

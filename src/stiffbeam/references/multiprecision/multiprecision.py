@@ -239,12 +239,9 @@ class PreciseSolver:
         states = [x @ self.solver.free.into for x in np.split(whole, 2, axis=1)]
         sides = np.array([x.sides for x in pieces], np.int64).reshape(len(pieces), m)[piece[order]]
         first = np.flatnonzero([True, *np.any(sides[1:] != sides[:-1], axis=1)])  # the marks of events
-        times, (eta, rate) = times[order], (np.ascontiguousarray(x[order]) for x in states)
+        marks = Marks(times[order], *(np.ascontiguousarray(x[order]) for x in states), sides)
         at_outputs = outputs, *(x[len(pieces) :] for x in states), np.zeros((len(outputs), m))
-        return Motion(
-            self.system, self.solver.free, times[first], sides[first], first, Marks(times, eta, rate, sides),
-            len(pieces), seen=at_outputs,
-        )  # fmt: skip
+        return Motion(self.system, self.solver.free, marks, first, len(pieces), seen=at_outputs)
 
 
 def _locate(
