@@ -11,7 +11,7 @@ from witness import solve
 import stiffbeam as sb
 from stiffbeam.kernels.exact import Follower, Marks
 from stiffbeam.references.exact.motion import Motion, Solver
-from stiffbeam.references.exact.variation import Variation
+from stiffbeam.references.exact.tangent import Variation
 
 eye = np.eye
 

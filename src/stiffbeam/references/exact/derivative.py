@@ -17,8 +17,7 @@ from ...basics.validation import InputError
 from ...model.system_data import slopes
 from ...trajectory.trajectory import Reference
 from .motion import Motion, Solver
-from .tangent import GRAZE, Tangent
-from .variation import STEP, Variation
+from .tangent import GRAZE, STEP, Tangent, Variation
 
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
 LOOKS = 4  # parts of a step, two radians of the fastest motion, among which a peak is looked for

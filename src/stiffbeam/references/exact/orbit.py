@@ -24,8 +24,7 @@ from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
 from .motion import Motion, Solver
 from .solution import refuse, solve_exact
-from .tangent import GRAZE, Tangent
-from .variation import Variation
+from .tangent import GRAZE, Tangent, Variation
 
 LEAST = 0.01  # of the position that one turn in the period gives at the velocity of the motion: its least size
 NEWTON = 40  # iterations of shooting

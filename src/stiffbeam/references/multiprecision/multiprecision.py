@@ -30,7 +30,6 @@ from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
 from ..registry import Request, output_times
 from .linear_flow import LinearFlow, Split
-from .rational import carried
 
 BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
@@ -97,7 +96,7 @@ def carry(system: System, t_end: float, digits: int, guard: int = GUARD_BITS, ou
     in the eigenproblem. How much of it there is shows when another guard gives other outputs.
     """
     full = math.ceil(digits * BITS) + guard
-    with carried(full + guard):
+    with ctx.workprec(full + guard):
         solver = PreciseSolver(system, t_end, full, guard)
         return solver.motion(solver.follow(), outputs)
 
@@ -146,7 +145,7 @@ class Piece(NamedTuple):
 
     def whole(self, t: float) -> Any:
         """z (N, 1) at time t."""
-        with carried(self.bits):
+        with ctx.workprec(self.bits):
             return (self.split.V * self.split.ahead(self.y, arb(t) - self.t)).mid()
 
 
@@ -197,7 +196,7 @@ class PreciseSolver:
         # The regime of these contacts, refined where it is first met.
         key = tuple(pressed(sides).tolist())
         if key not in self.regimes:
-            with carried(self.room):
+            with ctx.workprec(self.room):
                 self.regimes[key] = Split(self.flow, key)
         split, share = self.regimes[key], min(1.0, begun / self.t_end)
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
@@ -217,7 +216,7 @@ class PreciseSolver:
         turning = max(1.0 / self.t_end, *self.flow.drive.frequencies, float(np.max(np.abs(rates.imag))))
         before = piece.sides[contact]
         form, split = self.flow.gap(contact, int(np.sign(side or before)), switched_by_force(before, side)), piece.split
-        with carried(self.room):
+        with ctx.workprec(self.room):
             gap = (arb_mat([x.entries() for x in (form, form * split.G)]) * split.V).mid()
 
         def gap_at(tau: Any) -> tuple[Any, Any, Any]:
@@ -264,7 +263,7 @@ def _locate(
     full, tau, accurate = ctx.prec, arb(start), KNOWN_BITS
     while accurate < full // 2:
         accurate = 2 * accurate - 8  # the ratio of gap'' to gap' costs a few bits at each turn
-        with carried(min(full, accurate + 70)):
+        with ctx.workprec(min(full, accurate + 70)):
             gap, speed, _ = gap_at(tau)
             tau = (tau - gap / speed).mid()
     # At full precision: the last step is returned as ``shift``, so that the gap need not be evaluated after it.
