@@ -265,14 +265,11 @@ class Split:
         V, self.blocks = by_float64(flow, self.G)
         self.V = V
         # Refine. Blocks that cannot be separated are joined, and the refinement starts anew from the V it was given.
-        target = ctx.prec
-        try:
+        with ctx.workprec(target := ctx.prec):
             while apart := self._refine(target):
                 self.V, (i, j) = V, sorted(apart)
                 self.blocks[i : i + 1] = [self.blocks[i] + self.blocks.pop(j)]
-        finally:
-            ctx.prec = target
-        identity = arb_mat([[arb(int(i == j)) for j in range(self.N)] for i in range(self.N)])
+        identity = arb_mat([[int(i == j) for j in range(self.N)] for i in range(self.N)])
         self.L = self.V.solve(identity, algorithm="approx").mid()
         self._moves = [(block.places, T, _turning(T)) for block, T in zip(self.blocks, self._own, strict=True)]
 

@@ -143,8 +143,8 @@ class Piece(NamedTuple):
     state: Array
     sides: list[int]
 
-    def whole(self, t: float) -> Any:
-        """z (N, 1) at time t."""
+    def whole(self, t: Any) -> Any:
+        """z (N, 1) at time t, a float or arb."""
         with ctx.workprec(self.bits):
             return (self.split.V * self.split.ahead(self.y, arb(t) - self.t)).mid()
 
@@ -168,7 +168,7 @@ class PreciseSolver:
         while True:
             piece = self._begin(t, z, resting, sides)
             pieces.append(piece)
-            begun, sides, split = float(t), piece.sides, piece.split
+            begun, sides = float(t), piece.sides
             in_time(begun)
             afford("t_end", t_end, "shorten t_end", floats=len(pieces) * (self.full / 32.0 + 20.0) * system.size)
             # The next event by float64.
@@ -178,14 +178,14 @@ class PreciseSolver:
                 return pieces
             start, contact, side = found
             # Refine the event to all digits, and go on from there in the new regime.
-            when, shift, y = self._place(piece, start, contact, side)
+            when = self._event_time(piece, start, contact, side)
             if not resting and when == t and start > begun:  # back to where the sides are known: float64's rounding
                 t, z, fresh, resting = arb(start), piece.whole(start), none, False
                 continue
             after = [side if i == contact else x for i, x in enumerate(sides)]
             resting = when == t  # the state stays as it is: its rounding would bring the event back
             if not resting:
-                z = (split.V * split.ahead(y, shift)).mid()
+                z = piece.whole(when)
             t, fresh, sides = when, fresh_after(system, sides, after), after
 
     def _begin(self, t: Any, z: Any, resting: bool, sides: list[int]) -> Piece:
@@ -207,24 +207,20 @@ class PreciseSolver:
         """q and q' (2n,) of z, each rounded once."""
         return np.array([float(x) for x in z.entries()[: 2 * self.flow.n]])
 
-    def _place(self, piece: Piece, start: float, contact: int, side: int) -> tuple[Any, Any, Any]:
-        """The time of an event at which a contact changes to a side, near the time ``start``, to all digits; and the
-        last step of it with the coordinates there."""
+    def _event_time(self, piece: Piece, start: float, contact: int, side: int) -> Any:
+        """The time of an event at which a contact changes to a side, near the time ``start``, to all digits."""
         rates: Any = np.array([x for split in self.regimes.values() for block in split.blocks for x in block.values])
-        begun = float(piece.t)
         fastest = max(1.0 / self.t_end, float(np.max(np.abs(rates))))
         turning = max(1.0 / self.t_end, *self.flow.drive.frequencies, float(np.max(np.abs(rates.imag))))
-        before = piece.sides[contact]
-        form, split = self.flow.gap(contact, int(np.sign(side or before)), switched_by_force(before, side)), piece.split
+        before, begun, split = piece.sides[contact], float(piece.t), piece.split
+        form = self.flow.gap(contact, int(np.sign(side or before)), switched_by_force(before, side))
         with ctx.workprec(self.room):
             gap = (arb_mat([x.entries() for x in (form, form * split.G)]) * split.V).mid()
 
-        def gap_at(tau: Any) -> tuple[Any, Any, Any]:
-            y = split.ahead(piece.y, tau)
-            return *(gap * y).mid().entries(), y  # type: ignore[return-value]
+        def gap_at(tau: Any) -> list[Any]:
+            return (gap * split.ahead(piece.y, tau)).mid().entries()
 
-        tau, shift, y = _locate(gap_at, start - begun, fastest, 2.0 * np.pi / turning, begun)
-        return (piece.t + tau + shift).mid(), shift, y
+        return (piece.t + _locate(gap_at, start - begun, fastest, 2.0 * np.pi / turning, begun)).mid()
 
     def motion(self, pieces: list[Piece], outputs: Array) -> Motion:
         """The motion of these pieces as float64 reads it, from states behind every event and at every output."""
@@ -243,12 +239,10 @@ class PreciseSolver:
         return Motion(self.system, self.solver.free, marks, first, len(pieces), seen=at_outputs)
 
 
-def _locate(
-    gap_at: Callable[[Any], tuple[Any, Any, Any]], start: float, fastest: float, shortest: float, t: float
-) -> tuple[Any, Any, Any]:
-    """(tau, shift, y at tau): the gap closes at tau + shift, by so little later that y is known there as well.
+def _locate(gap_at: Callable[[Any], list[Any]], start: float, fastest: float, shortest: float, t: float) -> Any:
+    """The time tau at which the gap closes.
 
-    gap_at(tau) -> (gap, gap', y). Newton's method from the float64 time ``start``, the precision doubled at each turn,
+    gap_at(tau) -> [gap, gap']. Newton's method from the float64 time ``start``, the precision doubled at each turn,
     so that only one evaluation is made at full precision. Where the gap is zero as the piece begins, at rest on its
     stop and pressed, that is the event. Raises SolverFailure where Newton's method leads further than a fiftieth of
     the ``shortest`` period away: two crossings so close to each other that float64 cannot tell them apart.
@@ -256,25 +250,24 @@ def _locate(
     near = 0.02 * shortest
     # At rest on its stop and pressed: at the start gap and rate are zero to half the digits.
     if start < near:
-        (gap, speed, y), soon = gap_at(arb(0)), arb(0.5 * near)
+        (gap, speed), soon = gap_at(arb(0)), arb(0.5 * near)
         if max(abs(gap), abs(speed) * soon) < arb(2) ** (-ctx.prec // 2) * abs(gap_at(soon)[0]):
-            return arb(0), arb(0), y
+            return arb(0)
     # Newton's method with few digits first: a step doubles the correct ones, so more would be computed in vain.
     full, tau, accurate = ctx.prec, arb(start), KNOWN_BITS
     while accurate < full // 2:
         accurate = 2 * accurate - 8  # the ratio of gap'' to gap' costs a few bits at each turn
         with ctx.workprec(min(full, accurate + 70)):
-            gap, speed, _ = gap_at(tau)
+            gap, speed = gap_at(tau)
             tau = (tau - gap / speed).mid()
-    # At full precision: the last step is returned as ``shift``, so that the gap need not be evaluated after it.
     for _ in range(64):
-        gap, speed, y = gap_at(tau)
+        gap, speed = gap_at(tau)
         shift = (-gap / speed).mid()
-        if not abs(float(tau + shift) - start) < near:
+        tau = (tau + shift).mid()
+        if not abs(float(tau) - start) < near:
             break
         # What the last step leaves is its square. A damped stop's force jumps, so all digits of the time count.
         if abs(shift) * fastest < arb(2) ** (-full // 2):
-            return tau, shift, y
-        tau = (tau + shift).mid()
+            return tau
     remedy = f"end before t = {t + start:.6g}" if t + start > near else "start a little off the stop"
     raise SolverFailure("multiprecision", t + start, "the event is a graze that float64 cannot place", remedy)
