@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
+from scipy.sparse.csgraph import connected_components
 
 from ...basics.arrays import Array
 from ...basics.validation import exact_value
@@ -362,12 +363,12 @@ def by_float64(flow: LinearFlow, G: Any) -> tuple[Any, list[Block]]:
     values, vectors = np.linalg.eig(A)
     upper = np.flatnonzero(values.imag >= 0.0)
     nothing = NOTHING * max(np.max(np.abs(values)), *flow.drive.frequencies, 0.0)
-    columns: list[Array] = []
-    blocks = []
-    for group in _groups(values[upper], nothing):
-        own, begin = values[upper[group]], len(columns)
+    columns, blocks = list[Array](), list[Block]()
+    _, label = connected_components(_meet(values[upper, None], values[upper], nothing), directed=False)
+    for group in (upper[label == k] for k in np.unique(label)):
+        own, begin = values[group], len(columns)
         both = np.concatenate([own, own[own.imag > 0.0].conj()])
-        vector = vectors[:, upper[group[0]]]
+        vector = vectors[:, group[0]]
         if len(group) == 1 and own[0].imag > CLOSE * abs(own[0]):  # a pair
             columns += [vector.real, -vector.imag]
         elif len(both) == 1:
@@ -388,15 +389,6 @@ def by_float64(flow: LinearFlow, G: Any) -> tuple[Any, list[Block]]:
     return arb_mat([[arb(x) for x in line] for line in V.tolist()]), blocks
 
 
-def _groups(values: Any, nothing: float) -> list[list[int]]:
-    """Numbers of eigenvalues in the upper half plane, in groups of those that meet."""
-    groups: list[list[int]] = []
-    for k, x in enumerate(values):
-        near = [g for g in groups if any(_meet(values[j], x, nothing) for j in g)]
-        groups = [g for g in groups if g not in near] + [[*(j for g in near for j in g), k]]
-    return groups
-
-
-def _meet(x: complex, y: complex, nothing: float) -> bool:
-    """Return True for eigenvalues that differ by little, or by nothing beside the largest."""
+def _meet(x: Any, y: Any, nothing: float) -> Any:
+    """True for eigenvalues that differ by little, or by nothing beside the largest."""
     return abs(x - y) <= CLOSE * (abs(x) + abs(y)) + nothing
