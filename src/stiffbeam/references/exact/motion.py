@@ -304,7 +304,7 @@ class Motion:
         """The segment that each time t (k,) lies in; an event belongs to the segment it begins."""
         return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
 
-    def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> States:
+    def modal(self, t: Array, piece: NDArray[np.int64] | None = None) -> States:
         """eta, eta' (k, n) and reactions of held contacts (k, m) at times t (k,) as the given segments have them."""
         t = np.array(t, float)
         if piece is None:
@@ -324,13 +324,13 @@ class Motion:
 
     def states(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
         """q, q' (k, n) at any times, as the given segments have them, whose ends they may be."""
-        eta, rate, _ = self._read(t, piece)
+        eta, rate, _ = self.modal(t, piece)
         return eta @ self.free.X.T, rate @ self.free.X.T
 
     def path(self, t: Array, channel: int) -> tuple[Array, Array]:
         """Position and velocity of a channel at any times, (k,) each; of a held contact those of its stop."""
         row, function = self.system.channels[channel]
-        u, v = (x @ (row @ self.free.X) for x in self._read(t)[:2])
+        u, v = (x @ (row @ self.free.X) for x in self.modal(t)[:2])
         if function is not None:
             u, v = u + offset_values(function, t), v + offset_rate(function, t)
         if not self.system.rigid or channel >= len(self.system.contacts):
@@ -345,7 +345,7 @@ class Motion:
 
     def reactions(self, t: Array) -> Array:
         """Forces (k, m) of rigid stops on the positions of held contacts at any times."""
-        return self._read(t)[2]
+        return self.modal(t)[2]
 
     def work(self, edges: Array) -> tuple[Array, Array, Array]:
         """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,

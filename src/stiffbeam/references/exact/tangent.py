@@ -55,21 +55,16 @@ class Numbers:
         self.data, self.n, m = data, len(data.mass), len(data.rows)
         loads, offsets = load_terms(system), offset_terms(system)
         self.leaves = [leaf for _, leaf in loads] + [leaf for _, _, leaf in offsets]
-        # Functions of time as states: 1; a sin and a cos of a harmonic; a piece of a record and its derivatives.
-        widths = [2 * isinstance(leaf, Harmonic) + 4 * isinstance(leaf, Sampled) for leaf in self.leaves]
+        # Functions of time as states behind 1: f of a constant, f and f' of a harmonic, f to f''' of a record.
+        widths = [1 if isinstance(x, Constant) else 2 if isinstance(x, Harmonic) else 4 for x in self.leaves]
         self.places = 1 + np.cumsum([0, *widths])[:-1]
-        kind = complex if np.iscomplexobj(data.mass) else float
-        values, self.drives = np.zeros((len(widths), 1 + sum(widths)), kind), np.zeros(2 * [1 + sum(widths)], kind)
-        harmonics, constants = iter(data.harmonics), iter(data.constants)
-        for value, leaf, at in zip(values, self.leaves, self.places.tolist(), strict=True):
-            value[0 if isinstance(leaf, Constant) else at] = 1.0
+        values, harmonics = np.eye(1 + sum(widths))[self.places], iter(data.harmonics)
+        self.drives = np.zeros(2 * [1 + sum(widths)], data.mass.dtype)
+        for leaf, at, width in zip(self.leaves, self.places.tolist(), widths, strict=True):
+            rates = np.arange(at, at + width - 1)
+            self.drives[rates, rates + 1] = 1.0
             if isinstance(leaf, Harmonic):
-                w = next(harmonics)[1]
-                self.drives[at, at + 1], self.drives[at + 1, at] = w, -w
-            elif isinstance(leaf, Constant):
-                value[0] = next(constants)
-            else:
-                self.drives[[at, at + 1, at + 2], [at + 1, at + 2, at + 3]] = 1.0
+                self.drives[at + 1, at] = -(next(harmonics)[1] ** 2)
         place = np.eye(m)[[i for i, _, _ in offsets]]
         shift = (data.factors[:, None] * place).T @ values[len(loads) :]
         none = np.zeros((m, self.n))
@@ -89,12 +84,15 @@ class Numbers:
         """The functions of time as states (S, d) at t (S,), behind the samples at ``since`` (S,)."""
         found = np.zeros((len(t), len(self.drives)), self.drives.dtype)
         found[:, 0] = 1.0
-        harmonics, piece = iter(self.data.harmonics), 0
+        harmonics, constants, piece = iter(self.data.harmonics), iter(self.data.constants), 0
         for leaf, at in zip(self.leaves, self.places.tolist(), strict=True):
-            if isinstance(leaf, Harmonic):
+            if isinstance(leaf, Constant):
+                found[:, at] = next(constants)
+            elif isinstance(leaf, Harmonic):
                 amplitude, w, phase = next(harmonics)
-                found[:, at], found[:, at + 1] = amplitude * np.sin(w * t + phase), amplitude * np.cos(w * t + phase)
-            elif isinstance(leaf, Sampled):
+                found[:, at] = amplitude * np.sin(w * t + phase)
+                found[:, at + 1] = amplitude * w * np.cos(w * t + phase)
+            else:
                 i = np.clip(np.searchsorted(leaf.t, since, side="right") - 1, 0, len(leaf.t) - 2)
                 found[:, at : at + 4] = moved(self.data.records[piece + i], t - leaf.t[i]) * FACTORIALS
                 piece += len(leaf.t) - 1
@@ -283,8 +281,7 @@ class Tangent:
 
     def states(self, t: Array, segment: IntArray) -> Array:
         """Motion (k, 2n) in modes at times t (k,), as the given segments have it."""
-        q, v = self.motion.states(t, self.piece[segment])
-        return np.hstack([q @ self.variation.into, v @ self.variation.into])
+        return np.hstack(self.motion.modal(t, self.piece[segment])[:2])
 
     def cut(self) -> tuple[IntArray, Array, Array, Array]:
         """Steps of RADIANS at most: the segment, time, length and state of each."""
@@ -324,6 +321,10 @@ class Tangent:
     def whole(self, i: int, t: float, z: Array, dz: Array) -> Array:
         """y (1 + D, N) at a time of segment i from z (2n,) and dz (D, 2n)."""
         return self.variation.whole(np.array([t]), self.since[i : i + 1], np.vstack([z, dz])[None])[0]
+
+    def motion_at(self, t: Array, segment: IntArray) -> Array:
+        """y (k, N) of the motion alone at times t (k,), as the given segments have it."""
+        return self.variation.whole(t, self.since[segment], self.states(t, segment)[:, None])[:, 0]
 
     def gap(self, y: Array, contact: int, side: int) -> tuple[Array, Array, float]:
         """u - g and u' of a contact in y (1 + D, N), their derivatives (2, D), and the size of the terms of u - g."""
