@@ -111,10 +111,10 @@ def resting(system: System) -> tuple[list[int], list[int]]:
 
 
 class Solver:
-    """Solver of one system."""
+    """Solver of one system; free: its free system, where it is known."""
 
-    def __init__(self, system: System) -> None:
-        self.system, self.free, self.together = system, free_system(system), TOGETHER
+    def __init__(self, system: System, free: Free | None = None) -> None:
+        self.system, self.free, self.together = system, free or free_system(system), TOGETHER
         self.eta, self.rate = system.q0 @ self.free.into, system.v0 @ self.free.into
         if system.rigid:
             # What is on its stop but for rounding is on it.
