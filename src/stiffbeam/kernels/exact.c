@@ -221,8 +221,7 @@ HOT static void advance(const double *restrict a, int K, double s, double *restr
 /* A bound of the speed of all motions with the contacts as they are. */
 static double fastest(const Free *f, const State *c)
 {
-    double k = 0.0, dash = 0.0, d = 0.0, w2 = 0.0;
-    for (Int j = 0; j < f->n; j++) w2 = most(w2, f->w2[j]);
+    double k = 0.0, dash = 0.0;
     for (Int i = 0; i < f->m; i++) {
         double x = 0.0, y = 0.0;
         for (Int j = 0; j < f->m; j++)
@@ -232,17 +231,8 @@ static double fastest(const Free *f, const State *c)
             }
         k = most(k, x), dash = most(dash, y);
     }
-    if (f->coupling == 1)
-        for (Int j = 0; j < f->n; j++) d = most(d, fabs(f->drag[j]));
-    for (Int j = 0; f->coupling == 2 && j < f->n; j++) {
-        double x = 0.0;
-        for (Int l = 0; l < f->n; l++) x += fabs(f->damping[j * f->n + l]);
-        d = most(d, x);
-    }
-    d = 0.5 * (d + dash);
-    double fast = d + sqrt(d * d + w2 + k);
-    for (Int i = 0; i < f->F; i++) fast = most(fast, f->waves[i]);
-    return most(fast, 1e-300);
+    double d = 0.5 * (f->decay + dash);
+    return most(d + sqrt(d * d + f->stiffest + k), f->fastest_wave);
 }
 
 /* Coefficients (K+1,) of the rounding of a contact's position. */
@@ -266,11 +256,18 @@ static void reaction_rounding(const Free *f, const Series *s, Int i, int K, doub
     }
 }
 
+/* Coefficients (K+1,) of sign (u - g) of contact i, and of its rounding. */
+static void gap_of(const Series *s, Int m, Int i, int K, double sign, double g, const double *noise, double *p)
+{
+    for (int k = 0; k <= K; k++) p[k] = sign * s->u[k * m + i] + noise[k];
+    p[0] -= sign * g;
+}
+
 /* The first event within h of a series. Gaps and forces of contacts with `slack` count from there on. */
 static Event watch(const Free *f, int K, double h, const State *c, const Series *s)
 {
     Event e = {h, -1, 0};
-    double p[MOST + 1], noise[MOST + 1] = {0.0};
+    double p[MOST + 1], noise[MOST + 1];
     Int m = f->m;
     for (Int i = 0; i < m; i++)
         for (Int way = 1; way >= -1; way -= 2) {
@@ -278,31 +275,29 @@ static Event watch(const Free *f, int K, double h, const State *c, const Series 
             Int side = c->side[i], found = way;
             if (isinf(g) || (side != 0 && (side > 0) != (way > 0))) continue;
             int loose = c->slack[i] > 0.0, zeros = c->fresh_side[i] == way && !loose ? (int)c->fresh[i] : 0;
+            memset(noise, 0, sizeof noise);
             if (loose) {
                 rounding_of(f, s, i, K, noise);
                 noise[0] += ROUNDINGS * EPS * fabs(g) + c->slack[i];
             }
             if (side == 0 || (presses(c, i) && !rigid(f, i) && dash == 0.0)) { /* a gap, or a depth */
-                double sign = (double)(side == 0 ? -way : way);
-                for (int k = 0; k <= K; k++) p[k] = sign * s->u[k * m + i];
-                p[0] -= sign * g;
+                gap_of(s, m, i, K, (double)(side == 0 ? -way : way), g, noise, p);
                 if (rigid(f, i) && zeros == 1) p[1] = c->speed[i];
-                for (int k = 0; loose && k <= K; k++) p[k] += noise[k];
                 at = first_zero(p, K + 1, e.s, zeros);
-            } else if (presses(c, i)) { /* a force or reaction */
-                if (rigid(f, i)) reaction_rounding(f, s, i, K, noise);
-                for (int k = 0; k < K - 1; k++) p[k] = -(double)way * s->lam[k * m + i] + (rigid(f, i) ? noise[k] : 0.0);
-                for (int k = 0; loose && !rigid(f, i) && k < K - 1; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
+            } else if (rigid(f, i)) { /* a reaction */
+                reaction_rounding(f, s, i, K, noise);
+                for (int k = 0; k < K - 1; k++) p[k] = -(double)way * s->lam[k * m + i] + noise[k];
                 at = first_zero(p, K - 1, e.s, zeros);
-            } else { /* let go: the force that is cut off, then the depth */
-                for (int k = 0; k < K; k++) p[k] = -(double)way * spring_term(f, s, k, i, way);
-                for (int k = 0; loose && k < K; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
+            } else { /* the force of a damped stop, or that which is cut off where it has let go */
+                double sign = (double)(presses(c, i) ? way : -way);
+                for (int k = 0; k < K; k++)
+                    p[k] = sign * spring_term(f, s, k, i, way) + kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
                 at = first_zero(p, K, e.s, zeros);
-                for (int k = 0; k <= K; k++) p[k] = (double)way * s->u[k * m + i];
-                p[0] -= (double)way * g;
-                for (int k = 0; loose && k <= K; k++) p[k] += noise[k];
+            }
+            if (side != 0 && !presses(c, i)) { /* let go: it opens */
+                gap_of(s, m, i, K, (double)way, g, noise, p);
                 double other = first_zero(p, K + 1, e.s, 0);
-                if (other >= 0.0 && (at < 0.0 || other <= at)) at = other, found = 2 * way; /* it opens */
+                if (other >= 0.0 && (at < 0.0 || other <= at)) at = other, found = 2 * way;
             }
             if (at >= 0.0 && (at < e.s || e.contact < 0)) e = (Event){at, i, found};
         }

@@ -19,6 +19,7 @@ struct Free {
     Int kind;     /* of flight: 0 none, 1 real pairs (N = n), 2 complex modes */
     Int damped;   /* 1 if a pole has a real part */
     const Free *up, *low;  /* with the only contact pressed at the upper, lower stop, in the modes V eta; NULL for none */
+    double decay, stiffest, fastest_wave; /* bounds of the damping, of the squared frequencies, of the drives */
     double longest;        /* flight: inverse of the fastest rate of the modes that are `apart`; else infinity */
     const double *w2;      /* (n,) squared frequencies */
     const double *drag;    /* (n,) diagonal of the damping */

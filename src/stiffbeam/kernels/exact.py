@@ -21,7 +21,7 @@ FIRST_ROOM, LARGEST_ROOM = 256, 8192  # marks, events and blows of one call
 
 _Free = Structure(
     "n m F R E N coupling kind damped up low",
-    "longest",
+    "decay stiffest fastest_wave longest",
     "w2: n; drag: n; damping: n n; rows: m n; stops: m 2; laws: m 3; meet: m m; loads: B n; offsets: B m; waves: F; "
     "edges: E; pieces: E R 4; poles: 2 T; sorted: 3 T; answer: waves2 n; out?: 4 n N; back?: 2 N states; "
     "seen?: 2 m N; order int: T; apart int: n; V?: n n",
@@ -60,6 +60,8 @@ class Free(SimpleNamespace):
         T, B = self.poles.shape[1], 2 * F + self.pieces.shape[1]
         self.c = _Free(
             vars(self), coupling=self.coupling, kind=self.kind, damped=bool(self.poles[0].any()), longest=self.longest,
+            decay=np.max(np.sum(np.abs(self.damping), axis=1)), stiffest=np.max(self.w2),
+            fastest_wave=np.max(self.waves, initial=1e-300),
             F=F, N=T - F, T=T, B=B, waves2=2 * F, states=2 * len(self.w2),
             **{name: addressof(x.c) for name, x in (("up", up), ("low", low)) if x is not None},
         )  # fmt: skip
