@@ -168,15 +168,11 @@ class Follower:
     def _part(self, t_end: float, stations: Array, room: int) -> tuple[Any, ...]:
         """One call: its result; marks, events and blows; the states at the stations passed."""
         out = _Output.new(**self.free.size, room=room, n_stations=len(stations))
-        arrays = out.arrays
-        arrays["stations"][:] = stations
+        out.arrays["stations"][:] = stations
         result = filled(library().exact_follow(self.free.c, self.state, t_end, out))
-
-        def first(count: int, prefix: str) -> list[Array]:
-            return [x[:count].copy() for name, x in arrays.items() if name.startswith(prefix)]
-
-        passed = [arrays[x][: out.station] for x in ("eta_at", "rate_at", "force_at")]
-        return result, first(out.marks, "mark_"), first(out.events, "event_"), first(out.blows, "blow_"), passed
+        counts = {"mark_": out.marks, "event_": out.events, "blow_": out.blows}
+        rows = ([x[:k].copy() for name, x in out.arrays.items() if name.startswith(y)] for y, k in counts.items())
+        return result, *rows, [out.arrays[x][: out.station] for x in ("eta_at", "rate_at", "force_at")]
 
 
 def read(free: Free, marks: Marks, times: Array, mark: IntArray) -> States:

@@ -213,7 +213,7 @@ class Solver:
                 rule = f"hold at most {MOST_IMPACTS} impacts"
                 raise InputError("t_end", t_end, rule, f"end before t = {reached:.6g}, or take e < 1")
 
-        follower = self._follower(start, t, sides, fresh)
+        follower = self.follower(start, t, sides, fresh)
         result, marks, events, blows, passed = follower.follow(t_end, stations, check)
         if result != DONE:
             stalled = "events follow each other without an advance of time"
@@ -225,29 +225,14 @@ class Solver:
         seen = (stations, *passed) if len(passed[0]) == len(stations) else None
         return Motion(self.system, self.free, marks, first, follower.state.evaluations, events, blows, seen)
 
-    def _follower(
+    def follower(
         self, start: Sequence[Array] | None, t: float = 0.0, sides: IntArray | None = None,
         fresh: IntArray | None = None,
     ) -> Follower:  # fmt: skip
+        """The kernel's motion from q, q' (n,) at t, see ``solve``. Without ``sides`` those of gaps that are zero are
+        decided by the first derivative that is not."""
         eta, rate = (self.eta, self.rate) if start is None else (x @ self.free.into for x in start)
         return Follower(self.free, eta, rate, t, sides, fresh, self.together)
-
-    def sides_at(self, t: float, start: Sequence[Array]) -> IntArray:
-        """The sides of contacts that a motion from this state begins with: of gaps that are zero the first derivative
-        decides that is not."""
-        follower = self._follower(start, t)
-        follower.follow(np.nextafter(t, np.inf), NO_TIMES)
-        return follower.arrays["side"]
-
-    def first_event(
-        self, t: float, sides: IntArray | None, fresh: IntArray, start: Sequence[Array], t_end: float
-    ) -> tuple[float, int, int] | None:
-        """Time, contact and its new side of the first event of ``solve``, None for none. sides None: those ``sides_at``
-        finds."""
-        if not self.system.contacts:
-            return None
-        require_short(self.free, t_end - t)
-        return self._follower(start, t, sides, None if sides is None else fresh).first_event(t_end)
 
 
 _WHOLE = np.zeros(0, np.int64)

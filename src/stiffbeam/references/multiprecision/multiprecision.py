@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from ...model.system import System
 from ...model.time_functions import Sampled, parts_of
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, switched_by_force
+from ..exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, require_short, switched_by_force
 from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
 from ..registry import Request, output_times
@@ -159,6 +160,7 @@ class PreciseSolver:
         self.system, self.t_end, self.full, self.guard = system, t_end, full, guard
         self.room, self.solver, self.flow = ctx.prec, Solver(system), LinearFlow(system)
         self.regimes: dict[tuple[int, ...], Split] = {}
+        require_short(self.solver.free, t_end)
 
     def follow(self) -> list[Piece]:
         """The pieces of the solution from event to event."""
@@ -166,14 +168,19 @@ class PreciseSolver:
         none = fresh = np.zeros(len(system.contacts), np.int64)
         t, z, sides, resting = arb(0), self.flow.start, list[int](), True
         while True:
-            piece = self._begin(t, z, resting, sides)
-            pieces.append(piece)
-            begun, sides = float(t), piece.sides
+            begun, state = float(t), self._rounded(z)
             in_time(begun)
             afford("t_end", t_end, "shorten t_end", floats=len(pieces) * (self.full / 32.0 + 20.0) * system.size)
-            # The next event by float64.
-            known_sides = None if resting else np.array(sides, np.int64)
-            found = self.solver.first_event(begun, known_sides, fresh, np.split(piece.state, 2), t_end)
+            # The sides, where a gap may be zero, and the next event by float64.
+            begin = partial(self.solver.follower, np.split(state, 2), begun)
+            if resting:
+                soon = begin()
+                soon.follow(np.nextafter(begun, np.inf), NO_TIMES)
+                sides = soon.arrays["side"].tolist()
+            piece = self._piece(t, z, state, sides)
+            pieces.append(piece)
+            follower = begin() if resting else begin(np.array(sides, np.int64), fresh)
+            found = follower.first_event(t_end) if system.contacts else None
             if found is None or found[0] >= t_end:
                 return pieces
             start, contact, side = found
@@ -188,17 +195,14 @@ class PreciseSolver:
                 z = piece.whole(when)
             t, fresh, sides = when, fresh_after(system, sides, after), after
 
-    def _begin(self, t: Any, z: Any, resting: bool, sides: list[int]) -> Piece:
-        """The piece that begins with z at t. resting: a gap may be zero, and opens or closes."""
-        state, begun = self._rounded(z), float(t)
-        if resting:
-            sides = self.solver.sides_at(begun, np.split(state, 2)).tolist()
+    def _piece(self, t: Any, z: Any, state: Array, sides: list[int]) -> Piece:
+        """The piece that begins with z, rounded ``state``, at t."""
         # The regime of these contacts, refined where it is first met.
         key = tuple(pressed(sides).tolist())
         if key not in self.regimes:
             with ctx.workprec(self.room):
                 self.regimes[key] = Split(self.flow, key)
-        split, share = self.regimes[key], min(1.0, begun / self.t_end)
+        split, share = self.regimes[key], min(1.0, float(t) / self.t_end)
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
         ctx.prec = max(self.guard, math.ceil(self.full - (self.full - self.guard) * share)) + 30
         return Piece(split, t, (split.L * z).mid(), ctx.prec, state, sides)
