@@ -29,6 +29,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ...basics.arrays import Array
 from ...basics.validation import exact_value
+from ...model.beam import velocity_curvature_matrices
 from ...model.contact import Stops
 from ...model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
 from ...model.semidiscretisation import bending_stencil, curvature_stencil
@@ -51,18 +52,6 @@ class ExactContact(NamedTuple):
     g2: Any
 
 
-class Exact(NamedTuple):
-    """M, C, K (n, n), the loads' basis (d, n), the contacts, and q0, v0 (n,)."""
-
-    mass: Any
-    damping: Any
-    stiffness: Any
-    basis: Any
-    contacts: list[ExactContact]
-    q0: Any
-    v0: Any
-
-
 def number(x: float) -> Any:
     """The exact value of a given number: fmpq, or at the current precision arb for a multiple of pi."""
     ratio, pi = exact_value(x)
@@ -73,8 +62,8 @@ def number(x: float) -> Any:
 _numbers = np.vectorize(number, otypes=[object])
 
 
-def exact_problem(system: System, drive: Drive) -> Exact:
-    """The problem at the current precision: call it again after raising ctx.prec."""
+def exact_problem(system: System, drive: Drive) -> tuple[Any, Any, Any, Any, list[ExactContact], Any, Any]:
+    """M, C, K (n, n), the loads' basis (d, n), the contacts, and q0, v0 (n,), at the current precision."""
     # Of elements the matrices are taken as they are: see System.exact_parameters.
     beam = system.problem if system.form != "hermite" else None
     start = _numbers(system.q0), _numbers(system.v0)
@@ -90,7 +79,7 @@ def exact_problem(system: System, drive: Drive) -> Exact:
     for stops, place in zip((contact.stops for contact in system.contacts), places, strict=True):
         sides = [number(0.0 if g is None else g) for g in (stops.lower, stops.upper)]
         contacts.append(ExactContact(*place, number(stops.stiffness), number(stops.damping), *sides))
-    return Exact(mass, damping, stiffness, in_drive(drive, loads, system.size), contacts, *start)
+    return mass, damping, stiffness, in_drive(drive, loads, system.size), contacts, *start
 
 
 def in_drive(drive: Drive, terms: Iterable[Term], n: int = 1) -> Any:
@@ -177,14 +166,9 @@ def _values(profile: Profile, x: list[Any]) -> Any:
 
 
 def _weights(M: int, lumped: bool) -> Any:
-    """The weights of the nodes over L: 1/M and half of it at the tip; or P of (3.12), h times tridiag(-1/6, 4/3, -1/6)
-    and 1/3 at the tip."""
-    matrix = np.full((M, M), fmpq(0), object)
-    np.fill_diagonal(matrix, fmpq(1, M) if lumped else fmpq(4, 3 * M))
-    matrix[-1, -1] = fmpq(1, 2 * M) if lumped else fmpq(1, 3 * M)
-    for i in range(0 if lumped else M - 2):
-        matrix[i, i + 1] = matrix[i + 1, i] = fmpq(-1, 6 * M)
-    return matrix
+    """The weights of the nodes over L: 1/M and half of it at the tip; or P of (3.12)."""
+    sixths = np.diag([6] * (M - 1) + [3]) if lumped else np.rint(6.0 * velocity_curvature_matrices(M, float(M))[0])
+    return sixths.astype(int).astype(object) * fmpq(1, 6 * M)
 
 
 # ---------------------------------------------------------------- regimes
