@@ -422,27 +422,12 @@ static int beside_complex(const Free *f, Int k, const double *c, double length, 
     return degree;
 }
 
-/* Amplitudes of complex modes from h, the state beside the harmonic solution. */
-static void launch_complex(const Free *f, double length, Flight *g)
-{
-    Int n = f->n, N = f->N, m = f->m;
-    for (Int k = 0; k < N; k++) {
-        double z[2], *re = g->poly + k * ROOM, *im = re + N * ROOM;
-        for (int part = 0; part < 2; part++) z[part] = dot(f->back + (part * N + k) * 2 * n, g->h, 2 * n);
-        int degree = beside_complex(f, k, g->c, length, z, re, im);
-        g->degree[k] = degree, g->z[k] = z[0], g->z[N + k] = z[1];
-        if (degree > g->deg) g->deg = degree;
-        for (Int i = 0; i < m; i++)
-            for (int l = 0; l <= degree; l++)
-                g->slide[i * ROOM + l] += f->seen[i * N + k] * re[l] - f->seen[(m + i) * N + k] * im[l];
-    }
-}
-
 /* A flight from t on, of at most `length`: the amplitudes of its modes and their polynomials. G: scratch. */
 static void launch(const Free *f, double t, Int piece, double length, const double *eta, const double *rate, double *G,
                    Flight *g)
 {
     Int n = f->n, N = f->N, m = f->m, T = N + f->F;
+    int turns = f->kind == 2;
     g->T = T, g->deg = 0;
     respond(f, t, g->h, g->h + n);
     memset(g->slide, 0, (size_t)(m * ROOM) * sizeof(double));
@@ -453,23 +438,29 @@ static void launch(const Free *f, double t, Int piece, double length, const doub
             for (int k = 0; k < 4 && factor != 0.0; k++) g->slide[i * ROOM + k] += factor * g->c[4 * r + k], g->deg = 3;
         }
     }
+    /* The state beside the harmonic solution, mode by mode. */
     for (Int j = 0; j < n; j++) g->h[j] = eta[j] - g->h[j], g->h[n + j] = rate[j] - g->h[n + j];
-    if (f->kind == 2) {
-        launch_complex(f, length, g);
-        return;
-    }
-    if (isfinite(f->longest)) drive_series(f, t, piece, terms_for(1.0), G);
-    for (Int j = 0; j < n; j++) {
-        double h = g->h[j], v = g->h[n + j], *poly = g->poly + j * ROOM, sigma = f->poles[j], omega = f->poles[T + j];
-        int degree = beside(f, j, G, g->c, length, h, v, poly);
-        g->degree[j] = degree;
-        if (degree == 3) h -= poly[0], v -= poly[1];
-        else if (degree >= 0) h = v = 0.0;
-        g->z[j] = h;
-        g->z[n + j] = omega > 0.0 ? (sigma * h - v) / omega : 0.0;
+    if (!turns && isfinite(f->longest)) drive_series(f, t, piece, terms_for(1.0), G);
+    for (Int k = 0; k < N; k++) {
+        double z[2], *re = g->poly + k * ROOM, *im = re + N * ROOM;
+        int degree;
+        if (turns) {
+            for (int part = 0; part < 2; part++) z[part] = dot(f->back + (part * N + k) * 2 * n, g->h, 2 * n);
+            degree = beside_complex(f, k, g->c, length, z, re, im);
+        } else {
+            double h = g->h[k], v = g->h[n + k], sigma = f->poles[k], omega = f->poles[T + k];
+            degree = beside(f, k, G, g->c, length, h, v, re);
+            if (degree == 3) h -= re[0], v -= re[1];
+            else if (degree >= 0) h = v = 0.0;
+            z[0] = h, z[1] = omega > 0.0 ? (sigma * h - v) / omega : 0.0;
+        }
+        g->degree[k] = degree, g->z[k] = z[0], g->z[N + k] = z[1];
         if (degree > g->deg) g->deg = degree;
         for (Int i = 0; i < m; i++)
-            for (int k = 0; k <= degree; k++) g->slide[i * ROOM + k] += f->rows[i * n + j] * poly[k];
+            for (int l = 0; l <= degree; l++) {
+                g->slide[i * ROOM + l] += f->seen[i * N + k] * re[l];
+                if (turns) g->slide[i * ROOM + l] -= f->seen[(m + i) * N + k] * im[l];
+            }
     }
 }
 
@@ -487,8 +478,7 @@ static void see(const Free *f, double t, Flight *g)
                 x = f->offsets[(2 * (k - N) + 1) * m + i] + dot(f->rows + i * n, f->answer + (2 * (k - N) + 1) * n, n);
                 y = -f->offsets[2 * (k - N) * m + i] - dot(f->rows + i * n, f->answer + 2 * (k - N) * n, n);
             } else {
-                x = f->kind == 2 ? f->seen[i * N + k] : f->rows[i * n + k];
-                y = f->kind == 2 ? f->seen[(m + i) * N + k] : 0.0;
+                x = f->seen[i * N + k], y = f->seen[(m + i) * N + k];
             }
             Zx[i * T + at] = x * c - y * s, Zy[i * T + at] = x * s + y * c;
             g->sizes[i * T + at] = hypot(Zx[i * T + at], Zy[i * T + at]);

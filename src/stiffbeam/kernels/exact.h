@@ -38,7 +38,7 @@ struct Free {
     const double *answer;  /* (2 F, n) particular solution of sin and cos */
     const double *out;     /* (4, n, N) eta = out[0] x - out[1] y, eta' = out[2] x - out[3] y of modes x + iy; kind 2 */
     const double *back;    /* (2, N, 2 n) x and y of (eta, eta'); kind 2 */
-    const double *seen;    /* (2, m, N) x and -y as the contacts see them; kind 2 */
+    const double *seen;    /* (2, m, N) x and -y as the contacts see them */
     const Int *order;      /* (T,) of `sorted` */
     const Int *apart;      /* (n,) 1 for modes that are polynomials in a flight: resonant, critically damped; kind 1 */
     const double *V;       /* (n, n) of `up` and `low` */
