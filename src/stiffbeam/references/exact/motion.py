@@ -237,7 +237,7 @@ class Solver:
 
 _WHOLE = np.zeros(0, np.int64)
 NO_EVENTS = NO_TIMES, _WHOLE, _WHOLE, _WHOLE
-NO_BLOWS = Blows(*4 * [NO_TIMES], *3 * [_WHOLE])
+NO_BLOWS = Blows(NO_TIMES, NO_TIMES, NO_TIMES, NO_TIMES, _WHOLE, _WHOLE, _WHOLE)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -92,7 +92,7 @@ class Numbers:
                 amplitude, w, phase = next(harmonics)
                 found[:, at] = amplitude * np.sin(w * t + phase)
                 found[:, at + 1] = amplitude * w * np.cos(w * t + phase)
-            else:
+            elif isinstance(leaf, Sampled):
                 i = np.clip(np.searchsorted(leaf.t, since, side="right") - 1, 0, len(leaf.t) - 2)
                 found[:, at : at + 4] = moved(self.data.records[piece + i], t - leaf.t[i]) * FACTORIALS
                 piece += len(leaf.t) - 1

@@ -235,11 +235,11 @@ class PreciseSolver:
         times, piece = np.concatenate([begun, outputs]), np.concatenate([np.arange(len(pieces)), of])
         order = np.argsort(times, kind="stable")
         whole = np.array([*(x.state for x in pieces), *seen])
-        states = [x @ self.solver.free.into for x in np.split(whole, 2, axis=1)]
+        eta, rate = (x @ self.solver.free.into for x in np.split(whole, 2, axis=1))
         sides = np.array([x.sides for x in pieces], np.int64).reshape(len(pieces), m)[piece[order]]
         first = np.flatnonzero([True, *np.any(sides[1:] != sides[:-1], axis=1)])  # the marks of events
-        marks = Marks(times[order], *(np.ascontiguousarray(x[order]) for x in states), sides)
-        at_outputs = outputs, *(x[len(pieces) :] for x in states), np.zeros((len(outputs), m))
+        marks = Marks(times[order], eta[order], rate[order], sides)
+        at_outputs = outputs, eta[len(pieces) :], rate[len(pieces) :], np.zeros((len(outputs), m))
         return Motion(self.system, self.solver.free, marks, first, len(pieces), seen=at_outputs)
 
 
