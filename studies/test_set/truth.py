@@ -9,12 +9,11 @@ from typing import Any
 
 import mpmath as mp
 import numpy as np
-from flint import arb, arb_mat
+from flint import arb, arb_mat, ctx
 from scipy.optimize import brentq
 
 import stiffbeam as sb
 from stiffbeam.references.multiprecision.multiprecision import BITS, NO_TIMES, PreciseSolver
-from stiffbeam.references.multiprecision.rational import carried
 
 DIGITS = 30
 mp.mp.dps = 60
@@ -73,7 +72,7 @@ def piecewise(system: sb.System, t_end: float, samples: int, digits: int = 70, g
 
 def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard: int) -> Truth:
     full = math.ceil(digits * BITS) + guard
-    with carried(full + guard):
+    with ctx.workprec(full + guard):
         solver = PreciseSolver(system, t_end, full, guard)
         pieces = solver.follow()
         solution, flow = solver.motion(pieces, NO_TIMES), solver.flow
@@ -92,7 +91,7 @@ def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard
         of = np.maximum(np.searchsorted(begun, times, "right") - 1, 0)
         states = [pieces[k].whole(when) for k, when in zip(of.tolist(), times.tolist(), strict=True)]
         rows = forms[channel], rates[channel]
-        with carried(pieces[0].bits):
+        with ctx.workprec(pieces[0].bits):
             u, v = ([value((row * z)[0, 0]) for z in states] for row in rows)
         return u, v
 

@@ -12,8 +12,7 @@ from systems import two_contacts
 import stiffbeam as sb
 from stiffbeam.references import horizon
 from stiffbeam.references.exact.motion import Solver
-from stiffbeam.references.exact.tangent import Tangent
-from stiffbeam.references.exact.variation import Variation
+from stiffbeam.references.exact.tangent import Tangent, Variation
 
 
 def table(number: int) -> sb.System:

@@ -46,8 +46,7 @@ typedef struct { /* a flight from t on */
 typedef struct { double s; Int contact, side; } Event; /* contact -1: none until s */
 
 typedef struct { /* one call */
-    const Free *free, *up, *low; /* up, low: with its only contact pressed (or NULL), whose modes are V eta */
-    const double *V;
+    const Free *free;
     State *c;
     double t_end, free_fast;
     int full; /* terms of a series at full length */
@@ -63,6 +62,14 @@ typedef struct { /* one call */
 static double stop_of(const Free *f, Int i, Int side) { return f->stops[2 * i + (side > 0)]; }
 static int rigid(const Free *f, Int i) { return isinf(f->laws[3 * i]); }
 static int presses(const State *c, Int i) { return c->side[i] == 1 || c->side[i] == -1; }
+
+/* Sum of the sizes of the terms of row_i x. */
+static double terms_of(const Free *f, Int i, const double *x)
+{
+    double terms = 0.0;
+    for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j] * x[j]);
+    return terms;
+}
 
 /* ------------------------------------------------------------------ series */
 
@@ -110,11 +117,11 @@ HOT static void free_term(double *restrict new, const double *restrict before, c
     for (Int j = 0; j < n; j++) new[j] = (1.0 - k) * drag[j] * before[j] - w2[j] * old[j];
 }
 
-/* Term k - 2 of the force of a spring and dashpot that presses. */
-static double spring_term(const Free *f, const State *c, const Series *s, int k, Int i)
+/* Term k of the force on a spring and dashpot at a stop. */
+static double spring_term(const Free *f, const Series *s, int k, Int i, Int side)
 {
-    double g = k == 2 ? stop_of(f, i, c->side[i]) : 0.0;
-    return -(f->laws[3 * i] * (s->u[(k - 2) * f->m + i] - g) + f->laws[3 * i + 1] * (k - 1.0) * s->u[(k - 1) * f->m + i]);
+    double g = k == 0 ? stop_of(f, i, side) : 0.0;
+    return f->laws[3 * i] * (s->u[k * f->m + i] - g) + f->laws[3 * i + 1] * (k + 1.0) * s->u[(k + 1) * f->m + i];
 }
 
 /* The contacts that rigid stops hold, and the inverse of their rows rows^T. */
@@ -145,7 +152,7 @@ static void term(const Free *f, const State *c, Series *s, int k, Int count)
     for (Int j = 0; f->coupling == 2 && j < n; j++) new[j] -= (k - 1.0) * dot(f->damping + j * n, before, n);
     for (Int i = 0; i < m; i++)
         if (presses(c, i) && !rigid(f, i)) {
-            lam[i] = spring_term(f, c, s, k, i);
+            lam[i] = -spring_term(f, s, k - 2, i, c->side[i]);
             add(new, f->rows + i * n, lam[i], n);
         }
     for (int pass = 0; pass < 2; pass++) { /* the second takes what rounding left: what is held everywhere stays at rest */
@@ -214,8 +221,7 @@ HOT static void advance(const double *restrict a, int K, double s, double *restr
 /* A bound of the speed of all motions with the contacts as they are. */
 static double fastest(const Free *f, const State *c)
 {
-    double k = 0.0, dash = 0.0, d = 0.0, w2 = 0.0;
-    for (Int j = 0; j < f->n; j++) w2 = most(w2, f->w2[j]);
+    double k = 0.0, dash = 0.0;
     for (Int i = 0; i < f->m; i++) {
         double x = 0.0, y = 0.0;
         for (Int j = 0; j < f->m; j++)
@@ -225,28 +231,14 @@ static double fastest(const Free *f, const State *c)
             }
         k = most(k, x), dash = most(dash, y);
     }
-    if (f->coupling == 1)
-        for (Int j = 0; j < f->n; j++) d = most(d, fabs(f->drag[j]));
-    for (Int j = 0; f->coupling == 2 && j < f->n; j++) {
-        double x = 0.0;
-        for (Int l = 0; l < f->n; l++) x += fabs(f->damping[j * f->n + l]);
-        d = most(d, x);
-    }
-    d = 0.5 * (d + dash);
-    double fast = d + sqrt(d * d + w2 + k);
-    for (Int i = 0; i < f->F; i++) fast = most(fast, f->waves[i]);
-    return most(fast, 1e-300);
+    double d = 0.5 * (f->decay + dash);
+    return most(d + sqrt(d * d + f->stiffest + k), f->fastest_wave);
 }
 
 /* Coefficients (K+1,) of the rounding of a contact's position. */
 static void rounding_of(const Free *f, const Series *s, Int i, int K, double *noise)
 {
-    Int n = f->n;
-    for (int k = 0; k <= K; k++) {
-        double terms = 0.0;
-        for (Int j = 0; j < n; j++) terms += fabs(f->rows[i * n + j] * s->a[k * n + j]);
-        noise[k] = ROUNDINGS * EPS * terms;
-    }
+    for (int k = 0; k <= K; k++) noise[k] = ROUNDINGS * EPS * terms_of(f, i, s->a + k * f->n);
 }
 
 /* Coefficients (K-1,) of the rounding of a held contact's reaction: that of all forces on it. */
@@ -264,11 +256,18 @@ static void reaction_rounding(const Free *f, const Series *s, Int i, int K, doub
     }
 }
 
+/* Coefficients (K+1,) of sign (u - g) of contact i, and of its rounding. */
+static void gap_of(const Series *s, Int m, Int i, int K, double sign, double g, const double *noise, double *p)
+{
+    for (int k = 0; k <= K; k++) p[k] = sign * s->u[k * m + i] + noise[k];
+    p[0] -= sign * g;
+}
+
 /* The first event within h of a series. Gaps and forces of contacts with `slack` count from there on. */
 static Event watch(const Free *f, int K, double h, const State *c, const Series *s)
 {
     Event e = {h, -1, 0};
-    double p[MOST + 1], noise[MOST + 1] = {0.0};
+    double p[MOST + 1], noise[MOST + 1];
     Int m = f->m;
     for (Int i = 0; i < m; i++)
         for (Int way = 1; way >= -1; way -= 2) {
@@ -276,32 +275,29 @@ static Event watch(const Free *f, int K, double h, const State *c, const Series 
             Int side = c->side[i], found = way;
             if (isinf(g) || (side != 0 && (side > 0) != (way > 0))) continue;
             int loose = c->slack[i] > 0.0, zeros = c->fresh_side[i] == way && !loose ? (int)c->fresh[i] : 0;
+            memset(noise, 0, sizeof noise);
             if (loose) {
                 rounding_of(f, s, i, K, noise);
                 noise[0] += ROUNDINGS * EPS * fabs(g) + c->slack[i];
             }
             if (side == 0 || (presses(c, i) && !rigid(f, i) && dash == 0.0)) { /* a gap, or a depth */
-                double sign = (double)(side == 0 ? -way : way);
-                for (int k = 0; k <= K; k++) p[k] = sign * s->u[k * m + i];
-                p[0] -= sign * g;
+                gap_of(s, m, i, K, (double)(side == 0 ? -way : way), g, noise, p);
                 if (rigid(f, i) && zeros == 1) p[1] = c->speed[i];
-                for (int k = 0; loose && k <= K; k++) p[k] += noise[k];
                 at = first_zero(p, K + 1, e.s, zeros);
-            } else if (presses(c, i)) { /* a force or reaction */
-                if (rigid(f, i)) reaction_rounding(f, s, i, K, noise);
-                for (int k = 0; k < K - 1; k++) p[k] = -(double)way * s->lam[k * m + i] + (rigid(f, i) ? noise[k] : 0.0);
-                for (int k = 0; loose && !rigid(f, i) && k < K - 1; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
+            } else if (rigid(f, i)) { /* a reaction */
+                reaction_rounding(f, s, i, K, noise);
+                for (int k = 0; k < K - 1; k++) p[k] = -(double)way * s->lam[k * m + i] + noise[k];
                 at = first_zero(p, K - 1, e.s, zeros);
-            } else { /* let go: the force that is cut off, then the depth */
+            } else { /* the force of a damped stop, or that which is cut off where it has let go */
+                double sign = (double)(presses(c, i) ? way : -way);
                 for (int k = 0; k < K; k++)
-                    p[k] = -(double)way * (kappa * (s->u[k * m + i] - (k == 0 ? g : 0.0)) + dash * (k + 1.0) * s->u[(k + 1) * m + i]);
-                for (int k = 0; loose && k < K; k++) p[k] += kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
+                    p[k] = sign * spring_term(f, s, k, i, way) + kappa * noise[k] + dash * (k + 1.0) * noise[k + 1];
                 at = first_zero(p, K, e.s, zeros);
-                for (int k = 0; k <= K; k++) p[k] = (double)way * s->u[k * m + i];
-                p[0] -= (double)way * g;
-                for (int k = 0; loose && k <= K; k++) p[k] += noise[k];
+            }
+            if (side != 0 && !presses(c, i)) { /* let go: it opens */
+                gap_of(s, m, i, K, (double)way, g, noise, p);
                 double other = first_zero(p, K + 1, e.s, 0);
-                if (other >= 0.0 && (at < 0.0 || other <= at)) at = other, found = 2 * way; /* it opens */
+                if (other >= 0.0 && (at < 0.0 || other <= at)) at = other, found = 2 * way;
             }
             if (at >= 0.0 && (at < e.s || e.contact < 0)) e = (Event){at, i, found};
         }
@@ -426,27 +422,12 @@ static int beside_complex(const Free *f, Int k, const double *c, double length, 
     return degree;
 }
 
-/* Amplitudes of complex modes from h, the state beside the harmonic solution. */
-static void launch_complex(const Free *f, double length, Flight *g)
-{
-    Int n = f->n, N = f->N, m = f->m;
-    for (Int k = 0; k < N; k++) {
-        double z[2], *re = g->poly + k * ROOM, *im = re + N * ROOM;
-        for (int part = 0; part < 2; part++) z[part] = dot(f->back + (part * N + k) * 2 * n, g->h, 2 * n);
-        int degree = beside_complex(f, k, g->c, length, z, re, im);
-        g->degree[k] = degree, g->z[k] = z[0], g->z[N + k] = z[1];
-        if (degree > g->deg) g->deg = degree;
-        for (Int i = 0; i < m; i++)
-            for (int l = 0; l <= degree; l++)
-                g->slide[i * ROOM + l] += f->seen[i * N + k] * re[l] - f->seen[(m + i) * N + k] * im[l];
-    }
-}
-
 /* A flight from t on, of at most `length`: the amplitudes of its modes and their polynomials. G: scratch. */
 static void launch(const Free *f, double t, Int piece, double length, const double *eta, const double *rate, double *G,
                    Flight *g)
 {
     Int n = f->n, N = f->N, m = f->m, T = N + f->F;
+    int turns = f->kind == 2;
     g->T = T, g->deg = 0;
     respond(f, t, g->h, g->h + n);
     memset(g->slide, 0, (size_t)(m * ROOM) * sizeof(double));
@@ -457,23 +438,29 @@ static void launch(const Free *f, double t, Int piece, double length, const doub
             for (int k = 0; k < 4 && factor != 0.0; k++) g->slide[i * ROOM + k] += factor * g->c[4 * r + k], g->deg = 3;
         }
     }
+    /* The state beside the harmonic solution, mode by mode. */
     for (Int j = 0; j < n; j++) g->h[j] = eta[j] - g->h[j], g->h[n + j] = rate[j] - g->h[n + j];
-    if (f->kind == 2) {
-        launch_complex(f, length, g);
-        return;
-    }
-    if (isfinite(f->longest)) drive_series(f, t, piece, terms_for(1.0), G);
-    for (Int j = 0; j < n; j++) {
-        double h = g->h[j], v = g->h[n + j], *poly = g->poly + j * ROOM, sigma = f->poles[j], omega = f->poles[T + j];
-        int degree = beside(f, j, G, g->c, length, h, v, poly);
-        g->degree[j] = degree;
-        if (degree == 3) h -= poly[0], v -= poly[1];
-        else if (degree >= 0) h = v = 0.0;
-        g->z[j] = h;
-        g->z[n + j] = omega > 0.0 ? (sigma * h - v) / omega : 0.0;
+    if (!turns && isfinite(f->longest)) drive_series(f, t, piece, terms_for(1.0), G);
+    for (Int k = 0; k < N; k++) {
+        double z[2], *re = g->poly + k * ROOM, *im = re + N * ROOM;
+        int degree;
+        if (turns) {
+            for (int part = 0; part < 2; part++) z[part] = dot(f->back + (part * N + k) * 2 * n, g->h, 2 * n);
+            degree = beside_complex(f, k, g->c, length, z, re, im);
+        } else {
+            double h = g->h[k], v = g->h[n + k], sigma = f->poles[k], omega = f->poles[T + k];
+            degree = beside(f, k, G, g->c, length, h, v, re);
+            if (degree == 3) h -= re[0], v -= re[1];
+            else if (degree >= 0) h = v = 0.0;
+            z[0] = h, z[1] = omega > 0.0 ? (sigma * h - v) / omega : 0.0;
+        }
+        g->degree[k] = degree, g->z[k] = z[0], g->z[N + k] = z[1];
         if (degree > g->deg) g->deg = degree;
         for (Int i = 0; i < m; i++)
-            for (int k = 0; k <= degree; k++) g->slide[i * ROOM + k] += f->rows[i * n + j] * poly[k];
+            for (int l = 0; l <= degree; l++) {
+                g->slide[i * ROOM + l] += f->seen[i * N + k] * re[l];
+                if (turns) g->slide[i * ROOM + l] -= f->seen[(m + i) * N + k] * im[l];
+            }
     }
 }
 
@@ -491,8 +478,7 @@ static void see(const Free *f, double t, Flight *g)
                 x = f->offsets[(2 * (k - N) + 1) * m + i] + dot(f->rows + i * n, f->answer + (2 * (k - N) + 1) * n, n);
                 y = -f->offsets[2 * (k - N) * m + i] - dot(f->rows + i * n, f->answer + 2 * (k - N) * n, n);
             } else {
-                x = f->kind == 2 ? f->seen[i * N + k] : f->rows[i * n + k];
-                y = f->kind == 2 ? f->seen[(m + i) * N + k] : 0.0;
+                x = f->seen[i * N + k], y = f->seen[(m + i) * N + k];
             }
             Zx[i * T + at] = x * c - y * s, Zy[i * T + at] = x * s + y * c;
             g->sizes[i * T + at] = hypot(Zx[i * T + at], Zy[i * T + at]);
@@ -642,7 +628,7 @@ static const Free *flies(const Motion *x, double *length)
     const Free *f = x->free;
     const Int *side = x->c->side;
     if (f->m == 1 && side[0] != 0) {
-        f = side[0] == 1 ? x->up : side[0] == -1 ? x->low : NULL;
+        f = side[0] == 1 ? f->up : side[0] == -1 ? f->low : NULL;
         if (!f || f->kind == 0) return NULL;
     } else {
         for (Int i = 0; i < f->m; i++)
@@ -678,7 +664,7 @@ static double begin(Motion *x, double length, const Free **flown, int *K)
     if (*flown) {
         const double *eta = c->eta, *rate = c->rate;
         if (*flown != x->free) {
-            to_pressed(x->V, eta, x->turned, n), to_pressed(x->V, rate, x->turned_rate, n);
+            to_pressed(x->free->V, eta, x->turned, n), to_pressed(x->free->V, rate, x->turned_rate, n);
             eta = x->turned, rate = x->turned_rate;
         }
         launch(*flown, c->t, c->piece, length, eta, rate, x->s.G, &x->g);
@@ -699,8 +685,8 @@ static void state_at(Motion *x, const Free *flown, int K, double tau, double *et
     else if (flown == x->free) land(flown, &x->g, x->c->t, tau, eta, rate);
     else {
         land(flown, &x->g, x->c->t, tau, x->turned, x->turned_rate);
-        from_pressed(x->V, x->turned, eta, n);
-        from_pressed(x->V, x->turned_rate, rate, n);
+        from_pressed(x->free->V, x->turned, eta, n);
+        from_pressed(x->free->V, x->turned_rate, rate, n);
     }
 }
 
@@ -794,8 +780,7 @@ static double rate_rounding(const Motion *x, Int i)
 {
     const Free *f = x->free;
     Int B = 2 * f->F + f->R;
-    double terms = 0.0;
-    for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j] * x->c->rate[j]);
+    double terms = terms_of(f, i, x->c->rate);
     for (Int b = 0; b < B; b++) terms += fabs(f->offsets[b * f->m + i] * x->s.G[B + b]);
     return 4.0 * EPS * terms;
 }
@@ -814,6 +799,15 @@ static void blow(Motion *x)
         }
     outward(x, x->v);
     for (Int k = first; k < o->blows; k++) o->blow_after[k] = -(double)x->c->closed[o->blow_contact[k]] * x->v[o->blow_contact[k]];
+}
+
+/* The closed contacts stop. */
+static void halt(Motion *x)
+{
+    outward(x, x->v);
+    memcpy(x->r, x->v, (size_t)x->free->m * sizeof(double));
+    push(x, 1);
+    blow(x);
 }
 
 /* Open rigid contacts that reach their stops together with `hit` but for rounding are closed as well; each is an event. */
@@ -940,6 +934,19 @@ static Int driven_back(Motion *x, const Int *left)
     return -1;
 }
 
+/* Speeds and derivatives at which gaps open, put aside while `driven_back` looks, and back. */
+static void keep_gaps(Motion *x)
+{
+    memcpy(x->b, x->c->speed, (size_t)x->free->m * sizeof(double));
+    memcpy(x->on, x->c->fresh, (size_t)x->free->m * sizeof(Int));
+}
+
+static void restore_gaps(Motion *x)
+{
+    memcpy(x->c->speed, x->b, (size_t)x->free->m * sizeof(double));
+    memcpy(x->c->fresh, x->on, (size_t)x->free->m * sizeof(Int));
+}
+
 /* If contact `hit` chatters to rest in so short a time that acceleration and its rate are all there is, its speed is
  * taken at once, and it is held; unless another contact that moves it is hit before the last of these impacts. */
 static void chatter(Motion *x, Int hit)
@@ -962,12 +969,8 @@ static void chatter(Motion *x, Int hit)
     c->side[hit] = c->fresh_side[hit], c->fresh[hit] = 0;
     close_held(x, hit, c->side[hit]);
     for (Int i = 0; i < m; i++) coupled |= i != hit && f->meet[hit * m + i] != 0.0;
-    outward(x, x->v);
-    memcpy(x->r, x->v, (size_t)m * sizeof(double));
-    push(x, 1);
-    blow(x);
-    memcpy(x->b, c->speed, (size_t)m * sizeof(double));
-    memcpy(x->on, c->fresh, (size_t)m * sizeof(Int));
+    halt(x);
+    keep_gaps(x);
     int another = driven_back(x, x->left) >= 0;
     if (!another) {
         expand_here(x, x->full);
@@ -975,8 +978,7 @@ static void chatter(Motion *x, Int hit)
         another = next.contact >= 0 && c->side[next.contact] == 0;
     }
     if (coupled && another) { /* impact by impact, then */
-        memcpy(c->speed, x->b, (size_t)m * sizeof(double));
-        memcpy(c->fresh, x->on, (size_t)m * sizeof(Int));
+        restore_gaps(x);
         memcpy(c->rate, x->turned, (size_t)f->n * sizeof(double));
         x->out->blows = blows, c->side[hit] = c->closed[hit] = 0, c->fresh[hit] = 1;
     }
@@ -1005,9 +1007,7 @@ static int start(Motion *x, Int *hit)
                 continue;
             }
             for (;;) {
-                double terms = 0.0;
-                for (Int j = 0; j < n; j++) terms += fabs(f->rows[i * n + j] * x->s.a[first * n + j]);
-                if (fabs(into) > 16.0 * EPS * terms || first == 8) break;
+                if (fabs(into) > 16.0 * EPS * terms_of(f, i, x->s.a + first * n) || first == 8) break;
                 into = (double)s * x->s.u[++first * m + i];
             }
             c->fresh[i] = first, c->fresh_side[i] = s;
@@ -1071,10 +1071,7 @@ static int rest(Motion *x, Int hit)
     if (!(fabs(x->v[hit]) < 1e-12 * c->fastest)) return 0;
     for (Int i = 0; i < f->m; i++)
         if (x->left[i] != 0) c->closed[i] = x->left[i], c->fresh[i] = 0;
-    outward(x, x->v);
-    memcpy(x->r, x->v, (size_t)f->m * sizeof(double));
-    push(x, 1);
-    blow(x);
+    halt(x);
     strike(x, -1);
     return 1;
 }
@@ -1125,9 +1122,9 @@ static void act(Motion *x)
     c->waits = 0;
     if (f->m < 2) return;
     mark_left(x); /* one that left twice may have been driven back twice: its turn comes at the same time */
-    memcpy(x->b, c->speed, (size_t)f->m * sizeof(double)), memcpy(x->on, c->fresh, (size_t)f->m * sizeof(Int));
+    keep_gaps(x);
     Int back = driven_back(x, x->left);
-    memcpy(c->speed, x->b, (size_t)f->m * sizeof(double)), memcpy(c->fresh, x->on, (size_t)f->m * sizeof(Int));
+    restore_gaps(x);
     if (back >= 0) c->waits = 2, c->hit = back;
 }
 
@@ -1144,9 +1141,8 @@ static void turn_of(Motion *x, Int i)
 static double rounding(const Motion *x, Int i, Int side, double h)
 {
     const Free *f = x->free;
-    double terms = side ? fabs(stop_of(f, i, side)) : 0.0;
-    for (Int j = 0; j < f->n; j++) terms += fabs(f->rows[i * f->n + j]) * (fabs(x->c->eta[j]) + fabs(x->c->rate[j]) * h);
-    return ROUNDINGS * EPS * terms + 1e-300;
+    double stop = side ? fabs(stop_of(f, i, side)) : 0.0;
+    return ROUNDINGS * EPS * (stop + terms_of(f, i, x->c->eta) + terms_of(f, i, x->c->rate) * h) + 1e-300;
 }
 
 /* Whether a spring's contact at its stop turns back before it has passed it by more than `lost`: no event. */
@@ -1252,12 +1248,11 @@ static Int run(Motion *x)
 static size_t layout(Motion *x, double *block)
 {
     const Free *f = x->free;
-    Int n = f->n, m = f->m, B = 2 * f->F + f->R, N = f->N, T = N + f->F, at = 0;
+    Int n = f->n, m = f->m, B = 2 * f->F + f->R, N = f->N, T, at = 0;
     if (n > N) N = n;
-    if (x->up && x->up->N > N) N = x->up->N;
-    if (x->low && x->low->N > N) N = x->low->N;
+    if (f->up && f->up->N > N) N = f->up->N;
+    if (f->low && f->low->N > N) N = f->low->N;
     T = N + f->F;
-    if (T < n + f->F) T = n + f->F;
 #define REALS(name, count) (name = block ? block + at : NULL, at += (count))
 #define INTS(name, count) (name = block ? (Int *)(block + at) : NULL, at += (count))
     REALS(x->turned, n), REALS(x->turned_rate, n);
@@ -1285,10 +1280,9 @@ static double *prepared(Motion *x)
     return block;
 }
 
-Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V, State *state, double t_end,
-                 Output *out)
+Int exact_follow(const Free *f, State *state, double t_end, Output *out)
 {
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = state, .t_end = t_end, .out = out};
+    Motion x = {.free = f, .c = state, .t_end = t_end, .out = out};
     double *block = prepared(&x);
     if (!block) return NO_MEMORY;
     Int result = run(&x);
@@ -1297,18 +1291,6 @@ Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V
 }
 
 /* ------------------------------------------------------------------ the motion again, from its marks */
-
-/* A state of its own, for parts of a motion: 4 n + m reals and 5 m integers. */
-static double *own_state(State *c, const Free *f)
-{
-    Int n = f->n, m = f->m;
-    double *block = calloc((size_t)(4 * n + 6 * m + 1), sizeof(double));
-    if (!block) return NULL;
-    c->eta = block, c->rate = block + n, c->lost = block + 2 * n, c->speed = block + 4 * n;
-    c->side = (Int *)(c->speed + m), c->fresh = c->side + m, c->fresh_side = c->fresh + m, c->closed = c->fresh_side + m;
-    c->slack = c->size = (double *)(c->closed + m);
-    return block;
-}
 
 static void restore(Motion *x, Int k, const Marks *marks)
 {
@@ -1328,24 +1310,23 @@ static void restore(Motion *x, Int k, const Marks *marks)
     memset(c->lost, 0, (size_t)(2 * n) * sizeof(double));
 }
 
-Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
-               Int count, const double *times, const Int *mark_of, double *eta_at, double *rate_at, double *force_at)
+Int exact_read(const Free *f, State *c, const Marks *marks, Int count, const double *times, const Int *mark_of,
+               double *eta_at, double *rate_at, double *force_at)
 {
-    State c = {0};
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c};
-    double *block = prepared(&x), *own = own_state(&c, f);
-    Int n = f->n, m = f->m, result = block && own ? DONE : NO_MEMORY;
-    for (Int i = 0; i < count && result == DONE;) {
+    Motion x = {.free = f, .c = c};
+    double *block = prepared(&x);
+    Int n = f->n, m = f->m, result = block ? DONE : NO_MEMORY;
+    for (Int i = 0; result == DONE && i < count;) {
         Int last = i;
         while (last + 1 < count && mark_of[last + 1] == mark_of[i]) last++;
         restore(&x, mark_of[i], marks);
         while (i <= last) {
             int K = 0;
             const Free *flown;
-            double h = begin(&x, most(room_for(&x, times[last]), 1e-300), &flown, &K), until = c.t + h;
-            if (until == c.t) until = times[i]; /* roundings of the time are left */
+            double h = begin(&x, most(room_for(&x, times[last]), 1e-300), &flown, &K), until = c->t + h;
+            if (until == c->t) until = times[i]; /* roundings of the time are left */
             for (; i <= last && times[i] <= until; i++) {
-                double tau = most(0.0, times[i] - c.t);
+                double tau = most(0.0, times[i] - c->t);
                 state_at(&x, flown, K, tau, eta_at + i * n, rate_at + i * n);
                 forces_at(&x, flown, K, tau, force_at + i * m);
             }
@@ -1353,7 +1334,6 @@ Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, 
         }
     }
     free(block);
-    free(own);
     return result;
 }
 
@@ -1374,7 +1354,7 @@ static double press_on(const double *p, int n, double h, double best, double *im
 }
 
 /* The same of the only contact, a spring, in a flight over [a, b]: series of the terms that have not decayed yet. */
-static double press_in_flight(Motion *x, const Free *f, double way, double stop, double a, double b, double best, double *impulse)
+static double press_in_flight(Motion *x, const Free *f, Int side, double a, double b, double best, double *impulse)
 {
     Flight *g = &x->g;
     Int T = g->T, alive = T;
@@ -1387,23 +1367,21 @@ static double press_in_flight(Motion *x, const Free *f, double way, double stop,
         while (alive && g->sizes[alive - 1] * hypot(g->C[alive - 1], g->S[alive - 1]) < 1e-18 * size) alive--;
         double fast = alive ? f->sorted[2 * T + alive - 1] : 0.0, h = least(b - a, RADIANS / most(fast, 1e-300));
         gap_series(f, g, 0, a, alive, K, p, &rest);
-        p[0] -= stop;
-        for (int k = 0; k <= K; k++) p[k] *= way * kappa;
+        p[0] -= stop_of(f, 0, side);
+        for (int k = 0; k <= K; k++) p[k] *= (double)side * kappa;
         best = press_on(p, K, h, best, impulse);
         a += h;
     }
     return best;
 }
 
-Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
-                Int contact, Int count, const double *starts, const double *ends, double *peak, double *impulse)
+Int exact_press(const Free *f, State *c, const Marks *marks, Int contact, Int count, const double *starts,
+                const double *ends, double *peak, double *impulse)
 {
-    State c = {0};
-    Motion x = {.free = f, .up = up, .low = low, .V = V, .c = &c};
-    double *block = prepared(&x), *own = own_state(&c, f), p[MOST + 1];
-    Int m = f->m, result = block && own ? DONE : NO_MEMORY, k = 0;
-    double kappa = f->laws[3 * contact], dash = f->laws[3 * contact + 1];
-    for (Int i = 0; i < count && result == DONE; i++) {
+    Motion x = {.free = f, .c = c};
+    double *block = prepared(&x), p[MOST + 1];
+    Int m = f->m, k = 0, result = block ? DONE : NO_MEMORY;
+    for (Int i = 0; result == DONE && i < count; i++) {
         while (k + 1 < marks->count && marks->t[k + 1] <= starts[i]) k++;
         peak[i] = impulse[i] = 0.0;
         for (Int at = k; at < marks->count && (at == k || marks->t[at] < ends[i]); at++) {
@@ -1411,20 +1389,19 @@ Int exact_press(const Free *f, const Free *up, const Free *low, const double *V,
             Int side = marks->side[at * m + contact];
             if ((side != 1 && side != -1) || until <= starts[i]) continue;
             restore(&x, at, marks);
-            while (c.t < until) {
+            while (c->t < until) {
                 int K = 0;
                 const Free *flown;
-                double h = begin(&x, room_for(&x, until), &flown, &K), way = (double)side, stop = stop_of(f, contact, side);
-                double a = most(0.0, starts[i] - c.t), b = least(h, until - c.t);
-                if (c.t + h == c.t) break;
+                double h = begin(&x, room_for(&x, until), &flown, &K), way = (double)side;
+                double a = most(0.0, starts[i] - c->t), b = least(h, until - c->t);
+                if (c->t + h == c->t) break;
                 if (a < b && flown) {
-                    see(flown, c.t, &x.g);
-                    peak[i] = press_in_flight(&x, flown, way, stop, a, b, peak[i], impulse + i);
+                    see(flown, c->t, &x.g);
+                    peak[i] = press_in_flight(&x, flown, side, a, b, peak[i], impulse + i);
                 } else if (a < b) {
                     int degree = rigid(f, contact) ? K - 2 : K - 1;
                     for (int l = 0; l <= degree; l++)
-                        p[l] = rigid(f, contact) ? -way * x.s.lam[l * m + contact]
-                            : way * (kappa * (x.s.u[l * m + contact] - (l == 0 ? stop : 0.0)) + dash * (l + 1.0) * x.s.u[(l + 1) * m + contact]);
+                        p[l] = way * (rigid(f, contact) ? -x.s.lam[l * m + contact] : spring_term(f, &x.s, l, contact, side));
                     shifted(p, degree, a);
                     peak[i] = press_on(p, degree, b - a, peak[i], impulse + i);
                 }
@@ -1433,6 +1410,5 @@ Int exact_press(const Free *f, const Free *up, const Free *low, const double *V,
         }
     }
     free(block);
-    free(own);
     return result;
 }

@@ -12,11 +12,14 @@
 enum { NO_MEMORY = -1, DONE, FULL, STALLED, NOT_FINITE }; /* results of exact_follow */
 
 /* The free system in its modes, and its contacts. The same order as in exact.py. */
-typedef struct {
+typedef struct Free Free;
+struct Free {
     Int n, m, F, R, E, N;
     Int coupling; /* of the damping: 0 none, 1 diagonal, 2 full */
     Int kind;     /* of flight: 0 none, 1 real pairs (N = n), 2 complex modes */
     Int damped;   /* 1 if a pole has a real part */
+    const Free *up, *low;  /* with the only contact pressed at the upper, lower stop, in the modes V eta; NULL for none */
+    double decay, stiffest, fastest_wave; /* bounds of the damping, of the squared frequencies, of the drives */
     double longest;        /* flight: inverse of the fastest rate of the modes that are `apart`; else infinity */
     const double *w2;      /* (n,) squared frequencies */
     const double *drag;    /* (n,) diagonal of the damping */
@@ -35,10 +38,11 @@ typedef struct {
     const double *answer;  /* (2 F, n) particular solution of sin and cos */
     const double *out;     /* (4, n, N) eta = out[0] x - out[1] y, eta' = out[2] x - out[3] y of modes x + iy; kind 2 */
     const double *back;    /* (2, N, 2 n) x and y of (eta, eta'); kind 2 */
-    const double *seen;    /* (2, m, N) x and -y as the contacts see them; kind 2 */
+    const double *seen;    /* (2, m, N) x and -y as the contacts see them */
     const Int *order;      /* (T,) of `sorted` */
     const Int *apart;      /* (n,) 1 for modes that are polynomials in a flight: resonant, critically damped; kind 1 */
-} Free;
+    const double *V;       /* (n, n) of `up` and `low` */
+};
 
 /* State of a motion, advanced in place. Zero but for t, eta, rate at the start. */
 typedef struct {
@@ -74,9 +78,7 @@ typedef struct {
     double *eta_at, *rate_at, *force_at;                /* (n_stations, n), (n_stations, n), (n_stations, m) held forces */
 } Output;
 
-/* up, low: the system with its only contact pressed at the upper, lower stop, or NULL; V (n, n): its modes V eta. */
-API Int exact_follow(const Free *f, const Free *up, const Free *low, const double *V, State *state, double t_end,
-                     Output *out);
+API Int exact_follow(const Free *f, State *state, double t_end, Output *out);
 
 /* States from which parts of a motion are computed again. */
 typedef struct {
@@ -86,13 +88,13 @@ typedef struct {
 } Marks;
 
 /* The motion again at `count` times, each from the mark of this number: `mark` (count,) is not decreasing, and the times
- * (count,) of one mark increase. */
-API Int exact_read(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
-                   Int count, const double *times, const Int *mark, double *eta_at, double *rate_at, double *force_at);
+ * (count,) of one mark increase. state: memory for it. */
+API Int exact_read(const Free *f, State *state, const Marks *marks, Int count, const double *times, const Int *mark,
+                   double *eta_at, double *rate_at, double *force_at);
 
 /* Largest force and impulse of a compliant contact, or impulse of the reaction of a rigid one, in spans from starts
  * to ends (count,), which lie in order. */
-API Int exact_press(const Free *f, const Free *up, const Free *low, const double *V, const Marks *marks,
-                    Int contact, Int count, const double *starts, const double *ends, double *peak, double *impulse);
+API Int exact_press(const Free *f, State *state, const Marks *marks, Int contact, Int count, const double *starts,
+                    const double *ends, double *peak, double *impulse);
 
 #endif

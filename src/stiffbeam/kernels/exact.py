@@ -13,18 +13,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array, IntArray
-from .library import Structure, address, filled, library
+from .library import Structure, address, addressof, filled, library
 
 DONE, FULL, STALLED, NOT_FINITE = range(4)
 TOGETHER = 16.0  # roundings of the time within which rigid stops are hit together
 FIRST_ROOM, LARGEST_ROOM = 256, 8192  # marks, events and blows of one call
 
 _Free = Structure(
-    "n m F R E N coupling kind damped",
-    "longest",
+    "n m F R E N coupling kind damped up low",
+    "decay stiffest fastest_wave longest",
     "w2: n; drag: n; damping: n n; rows: m n; stops: m 2; laws: m 3; meet: m m; loads: B n; offsets: B m; waves: F; "
     "edges: E; pieces: E R 4; poles: 2 T; sorted: 3 T; answer: waves2 n; out?: 4 n N; back?: 2 N states; "
-    "seen?: 2 m N; order int: T; apart int: n",
+    "seen?: 2 m N; order int: T; apart int: n; V?: n n",
 )
 _State = Structure(
     "piece begun waits hit still since evaluations",
@@ -48,27 +48,28 @@ class Free(SimpleNamespace):
     """The free system in its modes, and its contacts: numbers and arrays as exact.h states them. They do not change.
 
     up, low: the system with its only contact pressed at the upper and lower stop, in its modes V eta (n, n); None where
-    that is no closed form. flown: the first arguments of the library's functions.
+    that is no closed form. c: all of it for C.
     """
 
     def __init__(self, up: Free | None = None, low: Free | None = None, V: Array | None = None, **stated: Any) -> None:
         super().__init__(**stated, up=up, low=low, V=V)
         self.stated = dict(vars(self))
-        n, F, p = len(self.w2), len(self.waves), self.poles[:, self.order]
+        F, p = len(self.waves), self.poles[:, self.order]
         self.drag = np.diag(self.damping).copy()
-        N = self.poles.shape[1] - F
         self.sorted = np.ascontiguousarray(np.vstack([p, np.hypot(*p)[None]]))
-        if self.kind == 1 and n != N:
-            raise ValueError("kind: one pair a mode wanted")
-        if self.kind == 2 and "out" not in stated:
-            raise ValueError("kind: complex modes wanted")
-        if any(x is not None and (len(x.w2) != n or x.edges is not self.edges) for x in (up, low)):
-            raise ValueError("up, low: the modes of this system wanted")
-        whole = _Free(
+        T, B = self.poles.shape[1], 2 * F + self.pieces.shape[1]
+        self.c = _Free(
             vars(self), coupling=self.coupling, kind=self.kind, damped=bool(self.poles[0].any()), longest=self.longest,
-            F=F, N=N, T=N + F, B=2 * F + self.pieces.shape[1], waves2=2 * F, states=2 * n,
+            decay=np.max(np.sum(np.abs(self.damping), axis=1)), stiffest=np.max(self.w2),
+            fastest_wave=np.max(self.waves, initial=1e-300),
+            F=F, N=T - F, T=T, B=B, waves2=2 * F, states=2 * len(self.w2),
+            **{name: addressof(x.c) for name, x in (("up", up), ("low", low)) if x is not None},
         )  # fmt: skip
-        self.flown = whole, up and up.flown[0], low and low.flown[0], address(V, (n, n)) if up or low else None
+
+    @property
+    def size(self) -> dict[str, int]:
+        """Numbers of modes and contacts."""
+        return {"n": len(self.w2), "m": len(self.rows)}
 
     def changed(self, **values: Any) -> Free:
         """A copy with other values."""
@@ -105,7 +106,7 @@ class Marks(NamedTuple):
 
     def argument(self, free: Free) -> Any:
         """The argument of the library."""
-        return _Marks(self._asdict(), n=len(free.w2), m=len(free.rows))
+        return _Marks(self._asdict(), **free.size)
 
 
 # Times, contacts, sides and marks behind; the side of a contact that an impact throws back is 9 times the stop.
@@ -121,9 +122,9 @@ class Follower:
         fresh: IntArray | None = None, together: float = TOGETHER,
     ) -> None:  # fmt: skip
         """sides (m,): in the middle of a motion. fresh (m,): the stops at which gaps are zero."""
-        self.free, self.size = free, {"n": len(free.w2), "m": len(free.rows)}
-        self.arrays = _State.zeros(**self.size) | {"eta": np.array(eta, float), "rate": np.array(rate, float)}
-        self.state = _State(self.arrays, **self.size, t=t, together=together)
+        self.free = free
+        self.arrays = _State.zeros(**free.size) | {"eta": np.array(eta, float), "rate": np.array(rate, float)}
+        self.state = _State(self.arrays, **free.size, t=t, together=together)
         if sides is not None:
             self.arrays["side"][:], self.state.begun, self.state.since = sides, 2, 1 << 40
         if fresh is not None:
@@ -137,7 +138,7 @@ class Follower:
 
         between: called after every part, with the time and the numbers of marks and events so far.
         """
-        least = FIRST_ROOM + 8 * self.size["m"] ** 2
+        least = FIRST_ROOM + 8 * self.free.size["m"] ** 2
         room, result, passed, kept, count = least, FULL, 0, 0, 0
         parts = []
         while result == FULL:
@@ -158,7 +159,7 @@ class Follower:
     def first_event(self, t_end: float) -> tuple[float, int, int] | None:
         """Time, contact and its new side of the first event before t_end; None for none."""
         while True:
-            result, _, found, *_ = self._part(t_end, np.zeros(0), 8 * self.size["m"] ** 2 + 2)
+            result, _, found, *_ = self._part(t_end, np.zeros(0), 8 * self.free.size["m"] ** 2 + 2)
             if len(found[0]):
                 return float(found[0][0]), int(found[1][0]), int(found[2][0])
             if result != FULL:
@@ -166,16 +167,12 @@ class Follower:
 
     def _part(self, t_end: float, stations: Array, room: int) -> tuple[Any, ...]:
         """One call: its result; marks, events and blows; the states at the stations passed."""
-        arrays = _Output.zeros(**self.size, room=room, n_stations=len(stations))
-        arrays["stations"][:] = stations
-        out = _Output(arrays)
-        result = filled(library().exact_follow(*self.free.flown, self.state, t_end, out))
-
-        def first(count: int, prefix: str) -> list[Array]:
-            return [x[:count].copy() for name, x in arrays.items() if name.startswith(prefix)]
-
-        passed = [arrays[x][: out.station] for x in ("eta_at", "rate_at", "force_at")]
-        return result, first(out.marks, "mark_"), first(out.events, "event_"), first(out.blows, "blow_"), passed
+        out = _Output.new(**self.free.size, room=room, n_stations=len(stations))
+        out.arrays["stations"][:] = stations
+        result = filled(library().exact_follow(self.free.c, self.state, t_end, out))
+        counts = {"mark_": out.marks, "event_": out.events, "blow_": out.blows}
+        rows = ([x[:k].copy() for name, x in out.arrays.items() if name.startswith(y)] for y, k in counts.items())
+        return result, *rows, [out.arrays[x][: out.station] for x in ("eta_at", "rate_at", "force_at")]
 
 
 def read(free: Free, marks: Marks, times: Array, mark: IntArray) -> States:
@@ -186,7 +183,8 @@ def read(free: Free, marks: Marks, times: Array, mark: IntArray) -> States:
     if k and not (at[0] >= 0 and at[-1] < len(marks.t)):
         raise ValueError("mark: a number of a mark wanted")
     found = np.empty((k, n)), np.empty((k, n)), np.empty((k, m))
-    filled(library().exact_read(*free.flown, marks.argument(free), k, t.ctypes, at.ctypes, *(x.ctypes for x in found)))
+    call = free.c, _State.new(**free.size), marks.argument(free), k, t.ctypes, at.ctypes, *(x.ctypes for x in found)
+    filled(library().exact_read(*call))
     if np.array_equal(order, np.arange(k)):
         return found
     eta, rate, force = (x[np.argsort(order)] for x in found)
@@ -201,5 +199,5 @@ def press(free: Free, marks: Marks, contact: int, starts: Array, ends: Array) ->
     a, b = np.ascontiguousarray(starts, float), np.ascontiguousarray(ends, float)
     peaks, impulses = found = np.empty((2, len(a)))
     spans = a.ctypes, address(b, a.shape), *(x.ctypes for x in found)
-    filled(library().exact_press(*free.flown, marks.argument(free), contact, len(a), *spans))
+    filled(library().exact_press(free.c, _State.new(**free.size), marks.argument(free), contact, len(a), *spans))
     return peaks, impulses

@@ -15,7 +15,7 @@ from ..basics.arrays import Array
 from . import compile as compilation
 
 Int, Real, Address = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
-_address_of, _buffer = ctypes.addressof, ctypes.c_char.from_buffer
+addressof, _buffer = ctypes.addressof, ctypes.c_char.from_buffer
 FLOAT, INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 
 
@@ -23,7 +23,7 @@ FLOAT, INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 FUNCTIONS = {
     "march": "i ppp", "states": "v iiiiipppppp", "rigid_steps": "i p", "switch_time": "d dddddpd",
     "solve_node": "i ipppp", "contact_forces": "v ippppp",
-    "exact_follow": "i pppppdp", "exact_read": "i pppppippppp", "exact_press": "i pppppiipppp",
+    "exact_follow": "i ppdp", "exact_read": "i pppippppp", "exact_press": "i pppiipppp",
     "state_rate": "v dppp", "right_hand_side": "v dppp", "event_functions": "v dppp", "jacobian": "v dpddpiiip",
 }  # fmt: skip
 
@@ -68,6 +68,13 @@ class Structure:
         known = self.numbers | sizes
         return {name: np.zeros([known[x] for x in shape], dtype) for name, shape, dtype, _ in self.arrays}
 
+    def new(self, **sizes: int) -> Any:
+        """The structure with ``arrays`` of its own of these sizes, zero."""
+        arrays = self.zeros(**sizes)
+        structure = self(arrays, **sizes)
+        structure.arrays = arrays
+        return structure
+
     def __call__(self, arrays: Mapping[str, Any], **numbers: float) -> Any:
         """The structure. A size that is not among the ``numbers`` is that of the first array that has it; what neither
         gives is 0.
@@ -98,7 +105,7 @@ def address(x: Any, shape: tuple[int, ...], dtype: Any = FLOAT) -> int:
     if not (flags.writeable and x.size):
         return x.ctypes.data
     # In a third of the time.
-    return _address_of(_buffer(x))  # type: ignore[arg-type]
+    return addressof(_buffer(x))  # type: ignore[arg-type]
 
 
 def filled(status: int) -> int:

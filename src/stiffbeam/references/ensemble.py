@@ -72,24 +72,21 @@ def reference_ensemble(
     at = np.array([0.0, float(t_end)]) if t_eval is None else times
     record_from(since, t_end)
     best = best_reference(members[0], t_end, progress=False)
-    method, horizon = str(best.provenance["method"]), best.horizon
+    method = str(best.provenance["method"])
     if method != "exact" and since:
         raise InputError("since", since, f"be 0 for members solved by {method}", "record contacts from the start")
-    one = partial(_solution, method, t_end, at)
-    first = one(since, members[0])
-    show = current()
-    report = lambda done: show(f"{method}: members", 1 + done, len(members))  # noqa: E731
-    # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
+    one, show = partial(_solution, method, t_end, at), current()
+    report = lambda done: show(f"{method}: members", done, len(members))  # noqa: E731
     run_of = partial(_slim, partial(one, since), len(times))
-    others = over(run_of, members[1:], report, cores() if method == "exact" else 1)
-    runs = [slim(first, len(times)), *others]
+    # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
+    runs = list(over(run_of, members, report, cores() if method == "exact" else 1))
     seconds = perf_counter() - begun
-    notes = {"members": len(members), "parameter": members.parameter, "horizon": horizon}
+    notes = {"members": len(members), "parameter": members.parameter, "horizon": best.horizon}
     # Runs keep no motion: a ledger solves its member again, on demand.
     ledger = partial(_ledger, partial(one, 0.0), members)
     return Ensemble.of(
         runs, members=members, t=times,
-        work=Work(0, seconds, seconds), provenance=first.provenance | notes, ledger=ledger,
+        work=Work(0, seconds, seconds), provenance=best.provenance | notes, ledger=ledger,
     )  # fmt: skip
 
 

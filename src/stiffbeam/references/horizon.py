@@ -25,8 +25,7 @@ from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
 from .exact.contacts import DUST, audit, entries, largest_momentum, withheld, within_float64
 from .exact.motion import Motion, Solver
 from .exact.solution import refuse, solve_exact
-from .exact.tangent import Tangent
-from .exact.variation import Variation
+from .exact.tangent import Tangent, Variation
 from .registry import OUTPUTS, Request
 
 COPIES = 8  # of the problem, each perturbed in its own way

@@ -23,7 +23,7 @@ from ...basics.arrays import Array, IntArray
 from ...model.time_functions import offset_rate, offset_values
 from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import SolverFailure
-from .motion import EPS, REMEDY, Motion, pressed
+from .motion import EPS, REMEDY, Motion, pressed, shift_at_start
 
 
 def entries(solution: Motion, i: int, t_end: float) -> Impacts:
@@ -191,7 +191,7 @@ def audit(solution: Motion, t_end: float) -> None:
         law = stops.energy(u)
         wrong += np.abs(np.where(chi != 0, 0.5 * stops.coefficients.kappa, 0.0) * (u - stop) ** 2 - law)
         held += law
-        shift = offset_values(contact.offset, np.zeros(1))[0]
+        shift = shift_at_start(contact)
         given, begun = float(contact.row @ system.q0 + shift), float(contact.row @ q[0] + shift)
         if solution.times[0] == 0.0 and abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")

@@ -17,8 +17,7 @@ from ...basics.validation import InputError
 from ...model.system_data import slopes
 from ...trajectory.trajectory import Reference
 from .motion import Motion, Solver
-from .tangent import GRAZE, Tangent
-from .variation import STEP, Variation
+from .tangent import GRAZE, STEP, Tangent, Variation
 
 AGREEMENT = 1e-3  # of the largest derivative so far: two copies that differ by more are past the horizon
 LOOKS = 4  # parts of a step, two radians of the fastest motion, among which a peak is looked for
@@ -169,17 +168,12 @@ def ends_of(tangent: Tangent) -> list[tuple[float, str]]:
     return ends
 
 
-def _states(tangent: Tangent, t: Array, owner: IntArray) -> Array:
-    """y (k, N) at times of the segments ``owner`` (k,)."""
-    return np.hstack([tangent.states(t, owner), tangent.variation.base.driven(t, tangent.since[owner])])
-
-
 def _near(tangent: Tangent, contact: int, side: int, t: Array, owner: IntArray) -> NDArray[np.bool_]:
     """True where an open contact is at its stop to rounding."""
-    base = tangent.variation.base
-    y, form, stop = _states(tangent, t, owner), base.position[contact], base.position[contact] - base.gap(contact, side)
-    size = np.abs(y) @ np.abs(form) + abs(np.sum(stop))
-    return side * (y @ (form - stop)) >= -tangent.graze * size
+    base, y = tangent.variation.base, tangent.motion_at(t, owner)
+    form, gap = base.position[contact], base.gap(contact, side)
+    size = np.abs(y) @ np.abs(form) + abs(np.sum(form - gap))
+    return side * (y @ gap) >= -tangent.graze * size
 
 
 def rests(tangent: Tangent, contact: int, side: int) -> list[float]:
@@ -209,10 +203,7 @@ def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
     here = np.flatnonzero((tangent.sides[owner, contact] == 0) & (h > 0.0))
 
     def approaches(t: Array, owner: IntArray) -> NDArray[np.bool_]:
-        return side * (_states(tangent, t, owner) @ tangent.variation.base.rate[contact]) > 0.0
-
-    def near(t: Array, owner: IntArray) -> NDArray[np.bool_]:
-        return _near(tangent, contact, side, t, owner)
+        return side * (tangent.motion_at(t, owner) @ tangent.variation.base.rate[contact]) > 0.0
 
     # Parts of steps in which the approach ends, halved until they are a time.
     times = [at[here] + s * h[here] for s in np.linspace(0.0, 1.0, 1 + LOOKS)]
@@ -224,7 +215,8 @@ def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
         before = approaches(middle, owner)
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     # Of a contact that leaves its stop slowly rounding makes maxima: half the way to one of these it is no farther.
-    return high[near(high, owner) & ~near(0.5 * (tangent.times[owner] + high), owner)].tolist()
+    here, half = (_near(tangent, contact, side, t, owner) for t in (high, 0.5 * (tangent.times[owner] + high)))
+    return high[here & ~half].tolist()
 
 
 def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:

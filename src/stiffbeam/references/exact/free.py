@@ -79,6 +79,7 @@ def closed_form(shared: dict[str, Any]) -> Free:
     kind, answer, apart, s = 0, np.zeros((2 * F, n)), np.zeros(n, np.int64), 1j * np.sqrt(w2)
     if not coupled and not np.any((d * d > (4.0 + CRITICAL) * w2) & (w2 > 0.0)):
         kind, s = 1, -0.5 * d + 1j * np.sqrt(np.maximum(w2 - 0.25 * d * d, 0.0))
+        shared = shared | {"seen": np.stack([shared["rows"], np.zeros_like(shared["rows"])])}
         answer, apart = particular(w2, d, waves, shared["loads"])
     elif found := complex_modes(shared) if coupled else overdamped_modes(shared):
         s, out, back, answer = found

@@ -111,10 +111,10 @@ def resting(system: System) -> tuple[list[int], list[int]]:
 
 
 class Solver:
-    """Solver of one system."""
+    """Solver of one system; free: its free system, where it is known."""
 
-    def __init__(self, system: System) -> None:
-        self.system, self.free, self.together = system, free_system(system), TOGETHER
+    def __init__(self, system: System, free: Free | None = None) -> None:
+        self.system, self.free, self.together = system, free or free_system(system), TOGETHER
         self.eta, self.rate = system.q0 @ self.free.into, system.v0 @ self.free.into
         if system.rigid:
             # What is on its stop but for rounding is on it.
@@ -213,7 +213,7 @@ class Solver:
                 rule = f"hold at most {MOST_IMPACTS} impacts"
                 raise InputError("t_end", t_end, rule, f"end before t = {reached:.6g}, or take e < 1")
 
-        follower = self._follower(start, t, sides, fresh)
+        follower = self.follower(start, t, sides, fresh)
         result, marks, events, blows, passed = follower.follow(t_end, stations, check)
         if result != DONE:
             stalled = "events follow each other without an advance of time"
@@ -223,46 +223,26 @@ class Solver:
         first = np.unique(np.concatenate([[0], events[3]]))
         first = first[: np.searchsorted(first, len(marks.t))]
         seen = (stations, *passed) if len(passed[0]) == len(stations) else None
-        times = marks.t[first]
-        times[0] = t
-        return Motion(
-            self.system, self.free, times, marks.side[first], first, marks, follower.state.evaluations, events, blows,
-            seen,
-        )  # fmt: skip
+        return Motion(self.system, self.free, marks, first, follower.state.evaluations, events, blows, seen)
 
-    def _follower(
+    def follower(
         self, start: Sequence[Array] | None, t: float = 0.0, sides: IntArray | None = None,
         fresh: IntArray | None = None,
     ) -> Follower:  # fmt: skip
+        """The kernel's motion from q, q' (n,) at t, see ``solve``. Without ``sides`` those of gaps that are zero are
+        decided by the first derivative that is not."""
         eta, rate = (self.eta, self.rate) if start is None else (x @ self.free.into for x in start)
         return Follower(self.free, eta, rate, t, sides, fresh, self.together)
 
-    def sides_at(self, t: float, start: Sequence[Array]) -> IntArray:
-        """The sides of contacts that a motion from this state begins with: of gaps that are zero the first derivative
-        decides that is not."""
-        follower = self._follower(start, t)
-        follower.follow(np.nextafter(t, np.inf), NO_TIMES)
-        return follower.arrays["side"]
 
-    def first_event(
-        self, t: float, sides: IntArray | None, fresh: IntArray, start: Sequence[Array], t_end: float
-    ) -> tuple[float, int, int] | None:
-        """Time, contact and its new side of the first event of ``solve``, None for none. sides None: those ``sides_at``
-        finds."""
-        if not self.system.contacts:
-            return None
-        require_short(self.free, t_end - t)
-        return self._follower(start, t, sides, None if sides is None else fresh).first_event(t_end)
-
-
-_NONE, _WHOLE = np.zeros(0), np.zeros(0, np.int64)
-NO_EVENTS = _NONE, _WHOLE, _WHOLE, _WHOLE
-NO_BLOWS = Blows(_NONE, _NONE, _NONE, _NONE, _WHOLE, _WHOLE, _WHOLE)
+_WHOLE = np.zeros(0, np.int64)
+NO_EVENTS = NO_TIMES, _WHOLE, _WHOLE, _WHOLE
+NO_BLOWS = Blows(NO_TIMES, NO_TIMES, NO_TIMES, NO_TIMES, _WHOLE, _WHOLE, _WHOLE)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion:
-    """Segments: at times[i] the contacts are on sides[i] (m,), see exact.h; first_mark[i] is the mark there.
+    """Segments: first_mark[i] is the mark where segment i begins, at times[i] with the contacts on sides[i] (m,).
 
     events: times, contacts, sides behind (9 times the stop: thrown back) and marks behind, (events,) each. blows: the
     impulses of rigid stops.
@@ -270,10 +250,8 @@ class Motion:
 
     system: System
     free: Free
-    times: Array
-    sides: IntArray
-    first_mark: IntArray
     marks: Marks
+    first_mark: IntArray
     evaluations: int
     events: Events = NO_EVENTS
     blows: Blows = NO_BLOWS
@@ -285,8 +263,17 @@ class Motion:
         if count >= len(self.times):
             return self
         marks = Marks(*(np.ascontiguousarray(x[: self.first_mark[count]]) for x in self.marks))
-        kept = {"times": self.times[:count], "sides": self.sides[:count], "first_mark": self.first_mark[:count]}
-        return replace(self, **kept, marks=marks, last=[])
+        return replace(self, marks=marks, first_mark=self.first_mark[:count], last=[])
+
+    @cached_property
+    def times(self) -> Array:
+        """Times at which the segments begin."""
+        return self.marks.t[self.first_mark]
+
+    @cached_property
+    def sides(self) -> IntArray:
+        """Sides of the contacts in every segment, (segments, m), see exact.h."""
+        return self.marks.side[self.first_mark]
 
     @cached_property
     def fastest(self) -> float:
@@ -302,7 +289,7 @@ class Motion:
         """The segment that each time t (k,) lies in; an event belongs to the segment it begins."""
         return np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
 
-    def _read(self, t: Array, piece: NDArray[np.int64] | None = None) -> States:
+    def modal(self, t: Array, piece: NDArray[np.int64] | None = None) -> States:
         """eta, eta' (k, n) and reactions of held contacts (k, m) at times t (k,) as the given segments have them."""
         t = np.array(t, float)
         if piece is None:
@@ -322,19 +309,13 @@ class Motion:
 
     def states(self, t: Array, piece: NDArray[np.int64] | None = None) -> tuple[Array, Array]:
         """q, q' (k, n) at any times, as the given segments have them, whose ends they may be."""
-        eta, rate, _ = self._read(t, piece)
+        eta, rate, _ = self.modal(t, piece)
         return eta @ self.free.X.T, rate @ self.free.X.T
-
-    def observed(self, t: Array, row: Array) -> tuple[Array, Array]:
-        """row @ q and its rate at any times, (k,)."""
-        eta, rate, _ = self._read(t)
-        row = row @ self.free.X
-        return eta @ row, rate @ row
 
     def path(self, t: Array, channel: int) -> tuple[Array, Array]:
         """Position and velocity of a channel at any times, (k,) each; of a held contact those of its stop."""
         row, function = self.system.channels[channel]
-        u, v = self.observed(t, row)
+        u, v = (x @ (row @ self.free.X) for x in self.modal(t)[:2])
         if function is not None:
             u, v = u + offset_values(function, t), v + offset_rate(function, t)
         if not self.system.rigid or channel >= len(self.system.contacts):
@@ -349,7 +330,7 @@ class Motion:
 
     def reactions(self, t: Array) -> Array:
         """Forces (k, m) of rigid stops on the positions of held contacts at any times."""
-        return self._read(t)[2]
+        return self.modal(t)[2]
 
     def work(self, edges: Array) -> tuple[Array, Array, Array]:
         """Work of the loads and moving stops, viscous loss, and loss in the stops' dashpots between consecutive edges,
@@ -402,14 +383,7 @@ class Motion:
 def joined(parts: Sequence[Motion]) -> Motion:
     """One motion of parts that follow each other."""
     behind = np.cumsum([0, *(len(part.marks.t) for part in parts)])
-    first = [part.first_mark + k for part, k in zip(parts, behind, strict=False)]
-    return replace(
-        parts[0],
-        times=np.concatenate([part.times for part in parts]),
-        sides=np.concatenate([part.sides for part in parts]),
-        first_mark=np.concatenate(first),
-        marks=Marks(*(np.concatenate(x) for x in zip(*(part.marks for part in parts), strict=True))),
-        evaluations=sum(part.evaluations for part in parts),
-        seen=None,
-        last=[],
-    )
+    first = np.concatenate([part.first_mark + k for part, k in zip(parts, behind, strict=False)])
+    marks = Marks(*(np.concatenate(x) for x in zip(*(part.marks for part in parts), strict=True)))
+    evaluations = sum(part.evaluations for part in parts)
+    return replace(parts[0], marks=marks, first_mark=first, evaluations=evaluations, seen=None, last=[])

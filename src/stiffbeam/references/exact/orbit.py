@@ -24,8 +24,7 @@ from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
 from .motion import Motion, Solver
 from .solution import refuse, solve_exact
-from .tangent import GRAZE, Tangent
-from .variation import Variation
+from .tangent import GRAZE, Tangent, Variation
 
 LEAST = 0.01  # of the position that one turn in the period gives at the velocity of the motion: its least size
 NEWTON = 40  # iterations of shooting
@@ -98,16 +97,13 @@ class PeriodMap:
     def __init__(self, system: System, period: float) -> None:
         self.system, self.period = system, period
         self.variation = Variation(system)
-        self.solver = None if system.rigid else Solver(system)
 
     def solve(self, z: Array) -> Motion:
         """The exact motion over a period from the state z (2n,)."""
         n = self.system.size
-        if self.solver is not None:
-            return self.solver.solve(self.period, (z[:n].copy(), z[n:].copy()))
         moved = replace(self.system, q0=z[:n].copy(), v0=z[n:].copy(), origin=None)
         try:
-            solution = Solver(moved).solve(self.period)
+            solution = Solver(moved, self.variation.free).solve(self.period)
         except InputError as error:  # a state of Newton's method beyond a stop, or on it but for rounding
             reason = f"a state on the way has no motion: {error}"
             raise SolverFailure("periodic_orbit", 0.0, reason, "shift the phase, or give a closer guess") from error

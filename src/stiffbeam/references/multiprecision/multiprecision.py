@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,12 +26,11 @@ from ...model.system import System
 from ...model.time_functions import Sampled, parts_of
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
-from ..exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, switched_by_force
+from ..exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, require_short, switched_by_force
 from ..exact.solution import reference_of, refuse
 from ..horizon import lyapunov
 from ..registry import Request, output_times
 from .linear_flow import LinearFlow, Split
-from .rational import carried
 
 BITS = math.log2(10.0)
 MAX_DIGITS = 20_000
@@ -97,7 +97,7 @@ def carry(system: System, t_end: float, digits: int, guard: int = GUARD_BITS, ou
     in the eigenproblem. How much of it there is shows when another guard gives other outputs.
     """
     full = math.ceil(digits * BITS) + guard
-    with carried(full + guard):
+    with ctx.workprec(full + guard):
         solver = PreciseSolver(system, t_end, full, guard)
         return solver.motion(solver.follow(), outputs)
 
@@ -144,9 +144,9 @@ class Piece(NamedTuple):
     state: Array
     sides: list[int]
 
-    def whole(self, t: float) -> Any:
-        """z (N, 1) at time t."""
-        with carried(self.bits):
+    def whole(self, t: Any) -> Any:
+        """z (N, 1) at time t, a float or arb."""
+        with ctx.workprec(self.bits):
             return (self.split.V * self.split.ahead(self.y, arb(t) - self.t)).mid()
 
 
@@ -160,6 +160,7 @@ class PreciseSolver:
         self.system, self.t_end, self.full, self.guard = system, t_end, full, guard
         self.room, self.solver, self.flow = ctx.prec, Solver(system), LinearFlow(system)
         self.regimes: dict[tuple[int, ...], Split] = {}
+        require_short(self.solver.free, t_end)
 
     def follow(self) -> list[Piece]:
         """The pieces of the solution from event to event."""
@@ -167,39 +168,41 @@ class PreciseSolver:
         none = fresh = np.zeros(len(system.contacts), np.int64)
         t, z, sides, resting = arb(0), self.flow.start, list[int](), True
         while True:
-            piece = self._begin(t, z, resting, sides)
-            pieces.append(piece)
-            begun, sides, split = float(t), piece.sides, piece.split
+            begun, state = float(t), self._rounded(z)
             in_time(begun)
             afford("t_end", t_end, "shorten t_end", floats=len(pieces) * (self.full / 32.0 + 20.0) * system.size)
-            # The next event by float64.
-            known_sides = None if resting else np.array(sides, np.int64)
-            found = self.solver.first_event(begun, known_sides, fresh, np.split(piece.state, 2), t_end)
+            # The sides, where a gap may be zero, and the next event by float64.
+            begin = partial(self.solver.follower, np.split(state, 2), begun)
+            if resting:
+                soon = begin()
+                soon.follow(np.nextafter(begun, np.inf), NO_TIMES)
+                sides = soon.arrays["side"].tolist()
+            piece = self._piece(t, z, state, sides)
+            pieces.append(piece)
+            follower = begin() if resting else begin(np.array(sides, np.int64), fresh)
+            found = follower.first_event(t_end) if system.contacts else None
             if found is None or found[0] >= t_end:
                 return pieces
             start, contact, side = found
             # Refine the event to all digits, and go on from there in the new regime.
-            when, shift, y = self._place(piece, start, contact, side)
+            when = self._event_time(piece, start, contact, side)
             if not resting and when == t and start > begun:  # back to where the sides are known: float64's rounding
                 t, z, fresh, resting = arb(start), piece.whole(start), none, False
                 continue
             after = [side if i == contact else x for i, x in enumerate(sides)]
             resting = when == t  # the state stays as it is: its rounding would bring the event back
             if not resting:
-                z = (split.V * split.ahead(y, shift)).mid()
+                z = piece.whole(when)
             t, fresh, sides = when, fresh_after(system, sides, after), after
 
-    def _begin(self, t: Any, z: Any, resting: bool, sides: list[int]) -> Piece:
-        """The piece that begins with z at t. resting: a gap may be zero, and opens or closes."""
-        state, begun = self._rounded(z), float(t)
-        if resting:
-            sides = self.solver.sides_at(begun, np.split(state, 2)).tolist()
+    def _piece(self, t: Any, z: Any, state: Array, sides: list[int]) -> Piece:
+        """The piece that begins with z, rounded ``state``, at t."""
         # The regime of these contacts, refined where it is first met.
         key = tuple(pressed(sides).tolist())
         if key not in self.regimes:
-            with carried(self.room):
+            with ctx.workprec(self.room):
                 self.regimes[key] = Split(self.flow, key)
-        split, share = self.regimes[key], min(1.0, begun / self.t_end)
+        split, share = self.regimes[key], min(1.0, float(t) / self.t_end)
         # Errors grow with time: precision falls evenly from ``full`` at the start to ``guard`` at the end.
         ctx.prec = max(self.guard, math.ceil(self.full - (self.full - self.guard) * share)) + 30
         return Piece(split, t, (split.L * z).mid(), ctx.prec, state, sides)
@@ -208,24 +211,20 @@ class PreciseSolver:
         """q and q' (2n,) of z, each rounded once."""
         return np.array([float(x) for x in z.entries()[: 2 * self.flow.n]])
 
-    def _place(self, piece: Piece, start: float, contact: int, side: int) -> tuple[Any, Any, Any]:
-        """The time of an event at which a contact changes to a side, near the time ``start``, to all digits; and the
-        last step of it with the coordinates there."""
+    def _event_time(self, piece: Piece, start: float, contact: int, side: int) -> Any:
+        """The time of an event at which a contact changes to a side, near the time ``start``, to all digits."""
         rates: Any = np.array([x for split in self.regimes.values() for block in split.blocks for x in block.values])
-        begun = float(piece.t)
         fastest = max(1.0 / self.t_end, float(np.max(np.abs(rates))))
         turning = max(1.0 / self.t_end, *self.flow.drive.frequencies, float(np.max(np.abs(rates.imag))))
-        before = piece.sides[contact]
-        form, split = self.flow.gap(contact, int(np.sign(side or before)), switched_by_force(before, side)), piece.split
-        with carried(self.room):
+        before, begun, split = piece.sides[contact], float(piece.t), piece.split
+        form = self.flow.gap(contact, int(np.sign(side or before)), switched_by_force(before, side))
+        with ctx.workprec(self.room):
             gap = (arb_mat([x.entries() for x in (form, form * split.G)]) * split.V).mid()
 
-        def gap_at(tau: Any) -> tuple[Any, Any, Any]:
-            y = split.ahead(piece.y, tau)
-            return *(gap * y).mid().entries(), y  # type: ignore[return-value]
+        def gap_at(tau: Any) -> list[Any]:
+            return (gap * split.ahead(piece.y, tau)).mid().entries()
 
-        tau, shift, y = _locate(gap_at, start - begun, fastest, 2.0 * np.pi / turning, begun)
-        return (piece.t + tau + shift).mid(), shift, y
+        return (piece.t + _locate(gap_at, start - begun, fastest, 2.0 * np.pi / turning, begun)).mid()
 
     def motion(self, pieces: list[Piece], outputs: Array) -> Motion:
         """The motion of these pieces as float64 reads it, from states behind every event and at every output."""
@@ -236,23 +235,18 @@ class PreciseSolver:
         times, piece = np.concatenate([begun, outputs]), np.concatenate([np.arange(len(pieces)), of])
         order = np.argsort(times, kind="stable")
         whole = np.array([*(x.state for x in pieces), *seen])
-        states = [x @ self.solver.free.into for x in np.split(whole, 2, axis=1)]
+        eta, rate = (x @ self.solver.free.into for x in np.split(whole, 2, axis=1))
         sides = np.array([x.sides for x in pieces], np.int64).reshape(len(pieces), m)[piece[order]]
         first = np.flatnonzero([True, *np.any(sides[1:] != sides[:-1], axis=1)])  # the marks of events
-        times, (eta, rate) = times[order], (np.ascontiguousarray(x[order]) for x in states)
-        at_outputs = outputs, *(x[len(pieces) :] for x in states), np.zeros((len(outputs), m))
-        return Motion(
-            self.system, self.solver.free, times[first], sides[first], first, Marks(times, eta, rate, sides),
-            len(pieces), seen=at_outputs,
-        )  # fmt: skip
+        marks = Marks(times[order], eta[order], rate[order], sides)
+        at_outputs = outputs, eta[len(pieces) :], rate[len(pieces) :], np.zeros((len(outputs), m))
+        return Motion(self.system, self.solver.free, marks, first, len(pieces), seen=at_outputs)
 
 
-def _locate(
-    gap_at: Callable[[Any], tuple[Any, Any, Any]], start: float, fastest: float, shortest: float, t: float
-) -> tuple[Any, Any, Any]:
-    """(tau, shift, y at tau): the gap closes at tau + shift, by so little later that y is known there as well.
+def _locate(gap_at: Callable[[Any], list[Any]], start: float, fastest: float, shortest: float, t: float) -> Any:
+    """The time tau at which the gap closes.
 
-    gap_at(tau) -> (gap, gap', y). Newton's method from the float64 time ``start``, the precision doubled at each turn,
+    gap_at(tau) -> [gap, gap']. Newton's method from the float64 time ``start``, the precision doubled at each turn,
     so that only one evaluation is made at full precision. Where the gap is zero as the piece begins, at rest on its
     stop and pressed, that is the event. Raises SolverFailure where Newton's method leads further than a fiftieth of
     the ``shortest`` period away: two crossings so close to each other that float64 cannot tell them apart.
@@ -260,25 +254,24 @@ def _locate(
     near = 0.02 * shortest
     # At rest on its stop and pressed: at the start gap and rate are zero to half the digits.
     if start < near:
-        (gap, speed, y), soon = gap_at(arb(0)), arb(0.5 * near)
+        (gap, speed), soon = gap_at(arb(0)), arb(0.5 * near)
         if max(abs(gap), abs(speed) * soon) < arb(2) ** (-ctx.prec // 2) * abs(gap_at(soon)[0]):
-            return arb(0), arb(0), y
+            return arb(0)
     # Newton's method with few digits first: a step doubles the correct ones, so more would be computed in vain.
     full, tau, accurate = ctx.prec, arb(start), KNOWN_BITS
     while accurate < full // 2:
         accurate = 2 * accurate - 8  # the ratio of gap'' to gap' costs a few bits at each turn
-        with carried(min(full, accurate + 70)):
-            gap, speed, _ = gap_at(tau)
+        with ctx.workprec(min(full, accurate + 70)):
+            gap, speed = gap_at(tau)
             tau = (tau - gap / speed).mid()
-    # At full precision: the last step is returned as ``shift``, so that the gap need not be evaluated after it.
     for _ in range(64):
-        gap, speed, y = gap_at(tau)
+        gap, speed = gap_at(tau)
         shift = (-gap / speed).mid()
-        if not abs(float(tau + shift) - start) < near:
+        tau = (tau + shift).mid()
+        if not abs(float(tau) - start) < near:
             break
         # What the last step leaves is its square. A damped stop's force jumps, so all digits of the time count.
         if abs(shift) * fastest < arb(2) ** (-full // 2):
-            return tau, shift, y
-        tau = (tau + shift).mid()
+            return tau
     remedy = f"end before t = {t + start:.6g}" if t + start > near else "start a little off the stop"
     raise SolverFailure("multiprecision", t + start, "the event is a graze that float64 cannot place", remedy)
