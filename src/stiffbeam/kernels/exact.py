@@ -13,11 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array, IntArray
+from ..basics.resources import clock
 from .library import Structure, address, addressof, filled, library
 
 DONE, FULL, STALLED, NOT_FINITE = range(4)
 TOGETHER = 16.0  # roundings of the time within which rigid stops are hit together
 FIRST_ROOM, LARGEST_ROOM = 256, 8192  # marks, events and blows of one call
+SHORT = 0.05  # CPU seconds of a call that is followed by a longer one: between two of them a deadline is looked at
 
 _Free = Structure(
     "n m F R E N coupling kind damped up low",
@@ -142,6 +144,7 @@ class Follower:
         room, result, passed, kept, count = least, FULL, 0, 0, 0
         parts = []
         while result == FULL:
+            begun = clock()
             result, *part = self._part(t_end, stations[passed:], room)
             marks, events, blows, at = part
             # Numbers of marks count over all parts.
@@ -151,7 +154,8 @@ class Follower:
             passed, kept, count = passed + len(at[0]), kept + len(marks[0]), count + len(events[0])
             if between is not None:
                 between(self.state.t, kept, count)
-            room = min(4 * room, max(LARGEST_ROOM, least))
+            if clock() - begun < SHORT:
+                room = min(4 * room, max(LARGEST_ROOM, least))
         whole: Any = ([np.concatenate(x) for x in zip(*some, strict=True)] for some in zip(*parts, strict=True))
         marks, events, blows, at = whole
         return result, Marks(*marks), tuple(events), Blows(*blows), tuple(at)

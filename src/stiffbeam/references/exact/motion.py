@@ -211,7 +211,7 @@ class Solver:
                 afford("t_end", t_end, "shorten t_end", floats=floats / max((reached - t) / (t_end - t), 1e-12))
             if self.system.rigid and events > MOST_IMPACTS:
                 rule = f"hold at most {MOST_IMPACTS} impacts"
-                raise InputError("t_end", t_end, rule, f"end before t = {reached:.6g}, or take e < 1")
+                raise InputError("t_end", t_end, rule, f"end before t = {reached:.6g}")
 
         follower = self.follower(start, t, sides, fresh)
         result, marks, events, blows, passed = follower.follow(t_end, stations, check)
