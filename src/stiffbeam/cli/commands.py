@@ -94,7 +94,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
                 show("drawing", 0, 0)
                 written = records.save(folder)
         if not write_json(records.name, records.to_dict(), json):
-            say(records.text(shutil.get_terminal_size().columns if sys.stdout.isatty() else 160))
+            say(records.report().text(shutil.get_terminal_size().columns if sys.stdout.isatty() else 160))
             say(f"Written: {', '.join(map(str, written)) or 'nothing'}")
         return 0 if written else 1
 
@@ -246,36 +246,24 @@ def _follow(
     result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
     case: str, folder: Path, written: list[Path],
 ) -> None:  # fmt: skip
-    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference, or the
-    last one where solvers are named among the schemes, so that they have their rows."""
-    from ..measures.report import largest, short, verdict
+    """Print a line of each solution and save it as soon as it is there; the tables follow, also after an interrupt."""
+    from ..measures.report import largest, short
 
-    def tables() -> None:
-        tell(f"\n{result.report()}")
+    try:
+        for solution in result.run(schemes, names):
+            if not written:
+                make_folder(folder)
+                name, title = result.case.name, result.case.title
+                tell(name if title == name else f"{name}  {title}")
+            written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
+            work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
+            tell(f"{short(solution.provenance['method'])}: {largest(solution)} ({work})")
+    finally:
+        if written or result.failures:
+            tell(f"\n{result.report()}")
         if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
             command = f"stiffbeam ensemble {shlex.quote(case)}"
             tell(f"\nStatistics past the horizon, over many runs: {command}")
-
-    told, solvers = 0, set(schemes or ()) & set(REFERENCES)  # failures that are printed
-    for solution in result.run(schemes, names):
-        if not written:
-            make_folder(folder)
-            name, title = result.case.name, result.case.title
-            tell(name if title == name else f"{name}  {title}")
-        written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
-        said = largest(solution)
-        for c in result.comparisons if solution in result.references[1:] else ():
-            said = verdict([c]) if c.label == solution.label else said
-        work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
-        tell(f"{short(solution.provenance['method'])}: {said} ({work})")
-        if len(result.references) == 1 and solution is result.references[0] and not solvers:
-            told = len(result.failures)
-            tables()
-    if solvers and result.references:
-        told = len(result.failures)
-        tables()
-    for kind, label, message in result.failures[told:]:
-        tell(f"{kind}  {short(label)}  {message}")
 
 
 def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) -> Path:

@@ -23,7 +23,7 @@ from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
-from .report import Report
+from .report import report_of
 
 if TYPE_CHECKING:
     import pandas
@@ -150,7 +150,7 @@ class Tables:
         options: dict[str, Any] = {"index": False, "escape": True, "position": "ht"}
         return "\n".join(
             frame.to_latex(caption=title, column_format="l" + "r" * (len(frame.columns) - 1), **options)
-            for title, frame in Report(self._all).tables
+            for title, frame in report_of(self._all).tables
         )
 
     def figure(self) -> Figure:
@@ -158,10 +158,10 @@ class Tables:
         return DRAW["comparison"](self._all)
 
     def __str__(self) -> str:
-        return str(Report(self._all))
+        return str(report_of(self._all))
 
     def _repr_html_(self) -> str:
-        return Report(self._all).html()
+        return report_of(self._all).html()
 
 
 @dataclass(frozen=True, repr=False)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from html import escape
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 DASH = "–"
 EVEN = 1e-6  # of the median step: steps that differ by less are of one length
-WIDTH = 80  # letters of a line of notes
+WIDTH = 100  # letters of a line of text
 
 
 def short(label: str) -> str:
@@ -91,45 +92,66 @@ def common_window(comparisons: Sequence[Comparison]) -> float:
     return min((c.matched_until for c in whole if c.matched_until > c.dt), default=longest)
 
 
+@dataclass(frozen=True)
 class Report:
-    """Tables of comparisons with one reference, to the horizon and of the whole runs: each a title and a DataFrame of
-    texts, with remarks above and notes below them.
+    """Lines, tables with their titles, and notes below them, as text and for a notebook."""
+
+    before: Iterable[str]
+    tables: Sequence[tuple[str, Any]]  # (title, pandas.DataFrame), each to its number of rows
+    after: Iterable[str] = ()
+
+    def text(self, width: int | None = None) -> str:
+        """The report in lines of at most ``width`` letters; a wider table is in parts with the same first column."""
+        before, after = (
+            [line if width is None else fill(line, width) for line in lines if line]
+            for lines in (self.before, self.after)
+        )
+        tables = [f"{title}\n{_table_text(frame, width)}\n".lstrip("\n") for title, frame in self.tables if len(frame)]
+        return "\n".join([*before, *tables, *after])
+
+    def __str__(self) -> str:
+        return self.text(WIDTH)
+
+    def html(self) -> str:
+        """The report for a notebook."""
+        tables = [f"<p><b>{escape(title)}</b></p>" * bool(title) + frame.to_html(index=False, na_rep=DASH)
+                  for title, frame in self.tables if len(frame)]  # fmt: skip
+        before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines if x) for lines in (self.before, self.after))
+        return before + "".join(tables) + after
+
+
+def _table_text(frame: Any, width: int | None) -> str:
+    """Text of a table, its first column to the left; heads of several words are in two lines."""
+    import pandas
+
+    def two_lines(head: str) -> tuple[str, str]:
+        cut = min((i for i, x in enumerate(head) if x == " "), key=lambda i: abs(2 * i - len(head)), default=0)
+        return head[:cut], head[cut:].strip()
+
+    first, *heads = frame.columns
+    rows = frame.set_index(first).fillna(DASH).rename_axis(index=None)
+    rows.columns.name = first
+    if any(" " in head for head in heads):
+        rows.columns = pandas.MultiIndex.from_tuples(map(two_lines, heads), names=("", first))
+    return rows.to_string(line_width=width)
+
+
+def report_of(
+    comparisons: Sequence[Comparison],
+    references: Sequence[Reference] = (),
+    failures: Sequence[tuple[str, str, str]] = (),
+) -> Report:
+    """Tables of comparisons with one reference, to the horizon and of the whole runs, with remarks above and notes
+    below them.
 
     failures: ("failed" or "refused", label, message) of what could not be compared.
     """
-
-    def __init__(
-        self,
-        comparisons: Sequence[Comparison],
-        references: Sequence[Reference] = (),
-        failures: Sequence[tuple[str, str, str]] = (),
-    ) -> None:
-        self.failures = failures
-        self.remarks = dict.fromkeys(c.remark for c in comparisons if c.remark)
-        self.tables, self.notes = list[tuple[str, Any]](), dict[str, None]()
-        if comparisons:
-            self.tables = [_table(comparisons, to_end) for to_end in (False, True)]
-            heads = " ".join(str(head) for _, frame in self.tables for head in frame)
-            self.notes = dict.fromkeys(_notes(comparisons, references, heads))
-
-    def __str__(self) -> str:
-        """The tables as text: heads of columns in two lines, names to the left."""
-        import pandas
-
-        parts = list(self.remarks)
-        for title, frame in self.tables:
-            heads = [head.split(" ", 1) if " " in head else ["", head] for head in frame]
-            shown = frame.assign(run=frame.run.str.ljust(frame.run.str.len().max()))
-            shown.columns = pandas.MultiIndex.from_tuples(map(tuple, heads))
-            parts.append(f"{title}\n{shown.to_string(index=False)}\n")
-        parts += [fill(note, WIDTH) for note in self.notes]
-        return "\n".join([*parts, *("  ".join(failure) for failure in self.failures)])
-
-    def html(self) -> str:
-        """The tables for a notebook."""
-        tables = [f"<p><b>{escape(title)}</b></p>{frame.to_html(index=False)}" for title, frame in self.tables]
-        before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines) for lines in (self.remarks, self.notes))
-        return before + "".join(tables) + after
+    remarks, tables, notes = dict.fromkeys(c.remark for c in comparisons), list[tuple[str, Any]](), dict[str, None]()
+    if comparisons:
+        tables = [_table(comparisons, to_end) for to_end in (False, True)]
+        heads = " ".join(str(head) for _, frame in tables for head in frame)
+        notes = dict.fromkeys(_notes(comparisons, references, heads))
+    return Report(remarks, tables, [*notes, *("  ".join(failure) for failure in failures)])
 
 
 def method_of(label: str) -> str:

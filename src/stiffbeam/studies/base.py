@@ -9,13 +9,11 @@ import hashlib
 import json
 import os
 import signal
-import textwrap
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from html import escape
 from itertools import accumulate
 from multiprocessing import current_process
 from pathlib import Path
@@ -37,6 +35,7 @@ from ..figures.chart import Figure, short
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, integrators
 from ..measures.errors import Order, first_impacts_end, observed_order
+from ..measures.report import Report
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import covered
@@ -182,37 +181,22 @@ class Records:
             return Answer(NOTHING)
         answer = self.study.answer(self.found, self.case)
         other = substitute(self.case.system(), self.case.t_end) if not self.study.free else ""
-        return answer._replace(notes=" ".join(filter(None, [answer.notes, other, self._failed()])))
+        return answer._replace(notes=f"{answer.notes} {other}".strip())
 
-    def _failed(self) -> str:
-        """A sentence with the methods of which every run has failed."""
-        names = [x for x in ("integrator", "scheme", "method") if x in self.table and "lost" in self.table]
-        if not names:
-            return ""
-        lost = self.table[self.table["lost"].notna()].groupby(names[0], sort=False)["lost"]
-        found = set(self.found.get(names[0], ()))
-        return " ".join(f"Every run of {name} failed: {why.iloc[0]}." for name, why in lost if name not in found)
-
-    def text(self, width: int | None = None) -> str:
-        """Question, answer, table and lost points as text, in lines of ``width`` letters."""
-        answer = self.answer
-        lost = [f"lost ({count}): {reason}" for reason, count in self.lost.items()]
-        before, after = [self.study.question(), answer.verdict], [answer.notes, *lost]
-        if width is not None:
-            before, after = ([textwrap.fill(line, width) for line in lines] for lines in (before, after))
-        return "\n".join(filter(None, [*before, _in_parts(answer.table.fillna("–"), width), *after]))
+    def report(self) -> Report:
+        """Question, answer, table and lost points."""
+        answer, lost = self.answer, [f"lost ({count}): {reason}" for reason, count in self.lost.items()]
+        return Report([self.study.question(), answer.verdict], [("", answer.table)], [answer.notes, *lost])
 
     def __str__(self) -> str:
-        return self.text()
+        return self.report().text()
 
     def __repr__(self) -> str:
         lost = sum(self.lost.values())
         return f"<Records {self.name} of {self.case.name}: {len(self.table)} rows, {lost} lost>"
 
     def _repr_html_(self) -> str:
-        answer = self.answer
-        small = answer.table.to_html(index=False, na_rep="–") if len(answer.table) else ""
-        return f"<p>{escape(answer.verdict)}</p>{small}<p>{escape(answer.notes)}</p>"
+        return self.report().html()
 
     def _repr_png_(self) -> bytes:
         return self.figure()._repr_png_()  # type: ignore[attr-defined]
@@ -295,17 +279,6 @@ def perform(
     return Records(study, case, table)
 
 
-def _in_parts(table: Table, width: int | None) -> str:
-    """Text of a table; one that is wider than ``width`` in parts, which all begin with the first column."""
-    parts = [list(table.columns[:1])]
-    for column in table.columns[1:]:
-        text = table[[*parts[-1], column]].to_string(index=False)
-        if width is not None and text.index("\n") > width and len(parts[-1]) > 1:
-            parts.append(parts[0][:1])
-        parts[-1].append(column)
-    return "\n\n".join(table[part].to_string(index=False) for part in parts) if len(table) else ""
-
-
 def _point(study: Study, case: Case, point: Row, store: Store, threads: int, until: float) -> list[Row]:
     """The rows of a point, from the store if it has them. threads: of an ensemble in this process, 0: all. until: the
     time at which the budget is over."""
@@ -318,13 +291,16 @@ def _point(study: Study, case: Case, point: Row, store: Store, threads: int, unt
 
 def _evaluate(study: Study, case: Case, point: Row, until: float) -> list[Row]:
     """The rows of a point; a refusal, a run that overflowed and a solver that failed are a row with ``lost``."""
+    who = "".join(f"{point[x]}: " for x in ("integrator", "scheme", "method") if x in point)
     try:
         over = "not begun within the budget: run it again with the same folder to go on, or with a larger budget"
         rows = study.run(case, **point) if time.time() <= until else {"lost": over}
-    except (InputError, Diverged, SolverFailure) as error:
+    except (Diverged, SolverFailure) as error:  # which name the method
         rows = {"lost": str(error)}
+    except InputError as error:
+        rows = {"lost": f"{who}{error}"}
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        rows = {"lost": f"{type(error).__name__}: {error}"}
+        rows = {"lost": f"{who}{type(error).__name__}: {error}"}
     entries = {name: value for name, value in point.items() if not isinstance(value, (list, tuple, dict))}
     return [entries | row for row in ([rows] if isinstance(rows, dict) else rows)]
 

@@ -15,7 +15,7 @@ from ..files.store import cached_reference
 from ..integrators import SCHEME, SOLVER, fastest, integrators
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
-from ..measures.report import Report
+from ..measures.report import Report, report_of
 from ..model.system import System
 from ..references import reference, substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
@@ -82,6 +82,7 @@ class CaseComparison:
                 self._note(label, error)
                 refused.append(error)
         if not self.runs and refused and all(isinstance(x, InputError) and x.field != "dt" for x in refused):
+            self.failures.clear()
             raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
         methods, main = dict.fromkeys([*references, *(x.source for x in chosen if x.kind == SOLVER)]), None
         for solution in self._references(system, list(methods)):
@@ -129,7 +130,7 @@ class CaseComparison:
 
     def report(self) -> Report:
         """The tables of what has been compared."""
-        return Report(self.comparisons, self.references, self.failures)
+        return report_of(self.comparisons, self.references, self.failures)
 
     def to_dict(self) -> dict[str, Any]:
         """Case, comparisons and failures as plain numbers and texts, for JSON."""

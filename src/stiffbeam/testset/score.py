@@ -19,7 +19,7 @@ from ..files.columns import TIMES, bare, read_columns, time_of
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
 from ..measures.errors import Order, observed_order
-from ..measures.report import short
+from ..measures.report import DASH, Report, short
 from ..model.contact import channel_motion
 from ..references.registry import BEST
 from ..schemes import RIGID, SCHEMES
@@ -170,39 +170,38 @@ class Scorecard:
     def _cell(self, name: str, of: Problem) -> str:
         entry = self.entry(name, of.name)
         if entry.outcome in (FAILED, NOT_TAKEN):
-            return {FAILED: FAILED, NOT_TAKEN: "–"}[entry.outcome]
+            return FAILED if entry.outcome == FAILED else DASH
         return _number(entry.best["tip_error"]) + (" !" if entry.flagged else "")
 
-    def notes(self) -> list[str]:
-        """The head of the errors, and every reason, once for all problems and integrators that share it."""
+    def report(self) -> Report:
+        """The summary, the table, and every reason, once for all problems and integrators that share it."""
+        import pandas
+
+        who = self.integrators[0] if len(self.integrators) == 1 else f"test set {self.version}"
         head = "Errors are those of the finest run; of the tip the rms over its largest displacement."
-        lines = [head if len(self.integrators) == 1 else f"Tip error of the finest run. !: see below. –: {NOT_TAKEN}."]
-        alike: dict[tuple[str, ...], list[Entry]] = {}  # by integrator, outcome and reason
-        for e in sorted(self.entries, key=lambda e: not e.flagged):
-            reason = e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason
-            alike.setdefault((e.integrator, e.outcome, reason), []).append(e)
-        together: dict[tuple[str, ...], list[Entry]] = {}  # by outcome, reason and problems
-        for (_, outcome, reason), those in alike.items():
-            if reason:
-                together.setdefault((outcome, reason, *(e.problem.name for e in those)), []).append(those[0])
-        for (outcome, _, *names), those in together.items():
-            who = ", ".join(short(e.integrator) for e in those)
-            lines.append(f"{who} on {', '.join(names)}: {outcome}, {those[0].reason}")
-        return lines
+        if len(self.integrators) > 1:
+            head = f"Tip error of the finest run. !: see below. {DASH}: {NOT_TAKEN}."
+        rows = pandas.DataFrame(
+            [(short(e.integrator), e.problem.name, e.outcome, e.reason,
+              e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason)
+             for e in sorted(self.entries, key=lambda e: not e.flagged) if e.reason],
+            columns=["who", "on", "outcome", "reason", "alike"],
+        )  # fmt: skip
+        for name, other in (("on", "who"), ("who", "on")):
+            groups = rows.groupby([other, "outcome", "alike"], sort=False, as_index=False)
+            rows = groups.agg({name: ", ".join, "reason": "first"})
+        notes = [f"{x.who} on {x.on}: {x.outcome}, {x.reason}" for x in rows.itertuples()]
+        return Report([f"{who}: {self.summary()}"], [("", self.table())], [head, *notes])
 
     def __repr__(self) -> str:
         counts = several(len(self.integrators), "integrator"), several(len(self.problems), "problem")
         return f"<Scorecard: {', '.join(counts)}, {len(self.flagged)} flagged>"
 
     def __str__(self) -> str:
-        who = f"{self.integrators[0]}: " if len(self.integrators) == 1 else f"test set {self.version}: "
-        return "\n".join([who + self.summary(), self.table().to_string(index=False), *self.notes()])
+        return self.report().text()
 
     def _repr_html_(self) -> str:
-        from html import escape
-
-        notes = "".join(f"<p>{escape(line)}</p>" for line in [self.summary(), *self.notes()])
-        return self.table().to_html(index=False) + notes
+        return self.report().html()
 
     def figure(self, problem: str) -> Figure:
         """Motion of a problem, and the errors of tip and impact times over the cost."""
