@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from stiffbeam.figures.chart import new_figure
-from stiffbeam.figures.scores import motion
 from stiffbeam.testset.problem import VERSION, Answer, Problem, read
+from stiffbeam.testset.score import motion
 
 LONG = 6  # values that a page shows of a list
 

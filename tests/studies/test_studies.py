@@ -168,7 +168,7 @@ def test_orders_of_schemes_without_contact():
 
 @pytest.mark.slow
 def test_impacts_are_right_at_small_steps_and_errors_fall():
-    views = ["order", "work", "impacts", "matched", "loss"]
+    views = ["order", "work", "impacts", "matched"]
     options = {"integrators": ["SDIRK(gamma=0.4359)", "Trapezoidal()"], "halvings": 6, "views": views}
     records = sb.study("converge", SPRING, **SPAN, **options, impacts=2)
     table = records.found[records.found.kind == "contact"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -154,7 +154,7 @@ class Tables:
         )
 
     def figure(self) -> Figure:
-        """The runs beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
+        """The runs beside the reference, a matplotlib Figure."""
         return DRAW["comparison"](self._all)
 
     def __str__(self) -> str:
@@ -217,11 +217,11 @@ class Comparison(Tables):
     energy_lost: float
     contacts: tuple[ContactComparison, ...]
     totals_energy_lost: float
-    missing: tuple[str, ...] = ()
-    remark: str = ""
-    error: Array = field(default_factory=lambda: np.zeros(0), compare=False)
-    times: Array = field(default_factory=lambda: np.zeros(0), compare=False)
-    pair: tuple[Trajectory, Reference] | None = field(default=None, compare=False)
+    missing: tuple[str, ...]
+    remark: str
+    error: Array = field(compare=False)
+    times: Array = field(compare=False)
+    pair: tuple[Trajectory, Reference] = field(compare=False)
 
     def tip_error_to(self, time: float) -> float:
         """The rms of ``error`` on [0, time], 0 < time <= window. Raises InputError for any other time."""
@@ -232,8 +232,8 @@ class Comparison(Tables):
 
     def records(self) -> dict[str, Any]:
         """All fields but ``error``, ``times`` and ``pair``, as dictionaries."""
-        records = asdict(replace(self, error=np.zeros(0), times=np.zeros(0), pair=None))
-        return {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
+        held = {each.name: getattr(self, each.name) for each in fields(self) if each.compare}
+        return held | {"phase": asdict(self.phase), "contacts": [asdict(contact) for contact in self.contacts]}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; NaN becomes None, as JSON has none."""

@@ -273,13 +273,13 @@ def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], h
         yield f"The reference has {events} impacts to t = {first.t_end:g} in all."
     if any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
         yield "Energy lost is – or left out where the time step does not resolve the dissipation of dampers."
-    system = None if first.pair is None else first.pair[1].system
+    system = first.pair[1].system
     if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
         yield "The reference is exact for this mesh; `stiffbeam study space` measures the mesh."
     for r in references:
         if "budget" in r.provenance:
             yield f"{method_of(r.label)} was computed {r.provenance['budget']}, and its tip error is to that time."
-    if any(x.impacts.at_start for c in comparisons if c.pair for x in c.pair[1].contacts):
+    if any(x.impacts.at_start for x in first.pair[1].contacts):
         yield "A contact that begins at t = 0 counts as contact, not as an impact."
     for c in comparisons:
         name, lengths = c.label.partition("@")[0], np.diff(c.times)

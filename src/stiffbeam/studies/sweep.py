@@ -28,9 +28,8 @@ from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
 from ..model.members import paths_of, value_at, with_values
 from ..model.modes import modes
-from ..model.problem import PointLoad
 from ..model.system import System
-from ..model.time_functions import Drive, Harmonic, covered
+from ..model.time_functions import Drive, covered
 from ..references import substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.solution import refuse
@@ -351,26 +350,18 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
         return None
 
 
-LABELS = {  # text and quantity on an axis
-    "frequency": ("drive frequency $a$", "frequency"), "amplitude": ("drive amplitude $E$", ""),
-    "clearance": ("clearance $g$", "length"), "stiffness": ("bending stiffness", "bending stiffness"),
-    "viscosity": ("viscosity", "bending viscosity"), "stops.stiffness": (r"stop stiffness $\kappa$", "stop stiffness"),
-    "stops.damping": ("stop damping", "stop damping"), "stops.dissipation": ("stop dissipation", "stop dissipation"),
+QUANTITIES = {  # of parameters, by their path without numbers or by its last name
+    "stiffness": "bending stiffness", "viscosity": "bending viscosity", "stops.stiffness": "stop stiffness",
+    "stops.damping": "stop damping", "stops.dissipation": "stop dissipation", "frequency": "frequency",
+    "clearance": "length", "lower": "length", "upper": "length", "position": "length", "base.amplitude": "length",
+    "stops.motion.amplitude": "length",
 }  # fmt: skip
-LENGTHS = ("lower", "upper", "position")
 
 
 def named(case: Case, path: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
     plain = re.sub(r"\[\d+\]", "", path).removeprefix("contacts.")  # of any contact
-    first, last = plain.partition(".")[0], plain.rpartition(".")[2]
-    text, quantity = LABELS.get(plain, ("", "frequency" if last == "frequency" else ""))
-    if last in LENGTHS or (last == "amplitude" and first in ("stops", "base")):
-        quantity = "length"
-    elif last == "amplitude" and case.problem is not None:
-        point = {isinstance(load, PointLoad) for load in case.problem.loads if isinstance(load.time, Harmonic)}
-        quantity = "force" if point == {True} else "force per length" if point == {False} else ""
-        quantity = "length" if first == "amplitude" and case.problem.base is not None else quantity
-    elif quantity.startswith("stop") and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
+    quantity = QUANTITIES.get(plain) or QUANTITIES.get(plain.rpartition(".")[2], "")
+    if quantity.startswith("stop") and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
         quantity = ""  # a force per length to the exponent
-    return with_unit(case.units, text if path == plain and text else path, quantity)
+    return with_unit(case.units, path, quantity)

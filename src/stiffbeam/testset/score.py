@@ -1,4 +1,4 @@
-"""The score: errors and orders of integrators on the problems with known answers, and one flag with its reason."""
+"""The score: errors and orders of integrators on problems with known answers, one flag with its reason, pictures."""
 
 from __future__ import annotations
 
@@ -9,18 +9,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 
 from ..basics.arrays import Array
 from ..basics.progress import Show, working
 from ..basics.storage import write_whole
 from ..basics.text import plain, several
 from ..basics.validation import InputError, sequence
+from ..figures.chart import (
+    COLOURS,
+    Axes,
+    Figure,
+    log_scale,
+    look,
+    mark_order,
+    new_figure,
+    save_figure,
+    say_empty,
+    shared_legend,
+)
 from ..files.columns import TIMES, bare, read_columns, time_of
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
 from ..measures.errors import Order, observed_order
 from ..measures.report import DASH, Report, short
-from ..model.contact import channel_motion
 from ..references.registry import BEST
 from ..schemes import RIGID, SCHEMES
 from ..trajectory.records import ContactRecord
@@ -30,7 +42,6 @@ from .problem import problems as all_problems
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.figure import Figure
 
 DEFAULT = (*SCHEMES, *RIGID, *BEST)  # a solver of each kind; others by name
 TOLERANCES = (1e-4, 1e-6, 1e-8)
@@ -205,14 +216,10 @@ class Scorecard:
 
     def figure(self, problem: str) -> Figure:
         """Motion of a problem, and the errors of tip and impact times over the cost."""
-        from ..figures.scores import score_picture
-
         return score_picture([e for e in self.entries if e.problem.name == problem])
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write score.txt, score.csv, score.json and a picture of each problem that an integrator has run."""
-        from ..figures.chart import save_figure
-
         folder = Path(folder)
         texts = {
             "score.txt": f"{self}\n", "score.csv": self.to_dataframe().to_csv(index=False),
@@ -501,8 +508,6 @@ def _rate(run: Trajectory) -> Array | None:
 
 def _at(times: Array, t: Array, u: Array, v: Array | None = None) -> Array:
     """u at the sample times: the run's own values where it has these times, else by cubics."""
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline
-
     nearest = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
     nearest -= np.abs(t[nearest - 1] - times) < np.abs(t[nearest] - times)
     if np.all(np.abs(t[nearest] - times) <= 1e-9 * times[-1]):
@@ -530,8 +535,6 @@ def _peak_between(run: Trajectory, record: ContactRecord) -> float:
 
     The largest at the steps alone is less by up to (w dt)^2/8.
     """
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
-
     t, u, v = run.t, record.position, record.velocity if _rate(run) is not None else None
     spline = CubicSpline(t, u) if v is None else CubicHermiteSpline(t, u, v)
     force = np.abs(record.stops.force(u, record.velocity))
@@ -552,11 +555,7 @@ def _energy(problem: Problem, run: Trajectory) -> float:
         return NAN
     last = int(np.argmin(np.abs(run.t - problem.t_end)))
     q, v = (x[last] for x in run.states)
-    energy = float(sum(system.free_energies(q, v)))
-    for contact in () if problem.rigid else system.contacts:
-        stops, (u, rate) = contact.stops, channel_motion(contact.row, None, 0.0, q, v)
-        if stops.state(u, rate):  # the energy of a damped stop that has let go is dissipated
-            energy += float(stops.energy(u))
+    energy = float(sum(system.free_energies(q, v) if problem.rigid else system.energies(run.t[last], q, v)))
     return (energy - problem.answers["energy"].value) / problem.answers["energy_scale"].value
 
 
@@ -582,3 +581,48 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
         raise InputError("--trajectory", found, "hold at least 4 of them", remedy)
     time_of(file, "--trajectory", table)
     return tuple(table.iloc[:, names.index(name)].to_numpy(float) for name in "tuv" if name in names)
+
+
+# ---------------------------------------------------------------- pictures
+
+
+def motion(axis: Axes, problem: Problem) -> None:
+    """The known tip positions with the stops of the first contact, and the known impacts."""
+    contact = problem.data["contacts"][0]
+    t, u, v = problem.times, problem.answers["tip"].value, problem.answers["tip_velocity"].value
+    # Impacts on rigid stops turn the velocity between samples, where a cubic would not.
+    if "impacts" not in problem.answers or not problem.rigid:
+        fine = np.linspace(t[0], t[-1], 1500)
+        axis.plot(fine, CubicHermiteSpline(t, u, v)(fine), color="black", lw=1.0)
+    axis.plot(t, u, "o", color="black", ms=2.5, label="known")
+    if problem.data.get("observe", contact["row"]) == contact["row"] and "offset" not in contact:
+        sides = [side for side in ("lower", "upper") if side in contact]
+        for side in sides:
+            axis.axhline(contact[side], color=COLOURS[1], lw=1.0, label="stop" if side == sides[0] else None)
+    if "impacts" in problem.answers:
+        when = problem.answers["impacts"].value
+        axis.plot(when, np.full(len(when), 0.02), "|", color=COLOURS[1], ms=9, transform=axis.get_xaxis_transform(),
+                  label="impacts")  # fmt: skip
+    axis.set(xlabel="time $t$", ylabel="$u(t)$")
+
+
+def score_picture(entries: Sequence[Entry]) -> Figure:
+    """The motion of the entries' problem, the error of the tip over the cost, and that of the impact times."""
+    problem = entries[0].problem
+    figure = new_figure(3.6, problem.title)
+    left, middle, right = figure.subplots(1, 3)
+    motion(left, problem)
+    for e in (e for e in entries if e.runs):
+        for axis, column in ((middle, "tip_error"), (right, "impact_time_error")):
+            errors = np.abs([run[column] for run in e.runs])
+            style = look(e.integrator) | {"ms": 4, "lw": 1.2}
+            axis.plot([run["cost"] for run in e.runs], np.maximum(errors, 1e-16), **style, label=short(e.integrator))
+    for axis, label in ((middle, "rms error of u over max |u|"), (right, "largest error of impact times")):
+        axis.set(xlabel="stages, or right-hand sides", ylabel=label)
+        if any(np.any(np.isfinite(np.asarray(line.get_ydata(), float))) for line in axis.lines):
+            log_scale(axis)
+        else:
+            say_empty(axis, "no impact times are known")
+    mark_order(middle, [-2.0], y=0.95)  # errors fall to the right: above them is room
+    shared_legend(figure, 6)
+    return figure
