@@ -26,7 +26,6 @@ from .chart import (
     say_empty,
     shared_legend,
     short,
-    tip_symbol,
     tip_text,
 )
 
@@ -163,7 +162,7 @@ def _draw_errors(
     axis.set(yscale="log", xlim=(0.0, window))
     low, high = axis.get_ylim()
     axis.set_ylim(max(low, 1e-12), min(10.0, high))
-    axis.set_ylabel(f"largest error so far / max |{tip_symbol(main.system and main.system.problem)}|")
+    axis.set_ylabel("largest error so far / max |u|")
     if any(x.matched_until < x.window for x in by_label.values()):
         (dot,) = axis.plot([], [], "o", ms=5.0, mfc="white", color="black")
         axis.legend([dot], ["impacts differ"], frameon=False, fontsize=8.5, loc="lower right")

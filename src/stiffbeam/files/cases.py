@@ -173,9 +173,7 @@ def paper_case(table: int) -> Case:
 
 def find_case(name: str) -> Case:
     """A case by name: ``table1`` .. ``table17``, a TOML file with one case, or ``file.toml:case``."""
-    if not isinstance(name, str):
-        raise InputError("case", name, "be the name of a case", "table1 to table17, or a TOML file")
-    file_path("case", name, "table1 to table17, or a TOML file")
+    name = str(file_path("case", name, "table1 to table17, or a TOML file"))
     head, colon, wanted = name.partition(".toml:")
     file, known = f"{head}.toml" if colon else name, paper_cases()
     # The paper's tables first: no file can stand in their way.
@@ -230,19 +228,17 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     ...     list(sb.load_cases(file))
     ['strip']
     """
-    file = file_path("case file", file, "stiffbeam cases --show table10 prints one")
+    remedy = "stiffbeam cases --show table10 prints one to start from"
+    file = file_path("case file", file, remedy)
     if not file.exists():
-        remedy = "stiffbeam cases --show table10 prints one to start from"
         raise InputError("case file", str(file), "exist", remedy)
     text = regular_text("case file", file, MOST_BYTES, "put samples into a file beside it").replace("\r\n", "\n")
     if DOTTED.search(text):
         raise InputError("case file", str(file), "have less than 50 dots in a key", "use tables")
     try:
         data = _toml(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError("case file", str(file), "be valid TOML", f"mend it: {error}") from None
-    except RecursionError:
-        raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
     return _parse(data, str(file), file.parent)
 
 
@@ -292,10 +288,15 @@ class Entry:
         step_count(positive("dt", self.dt), positive("t_end", self.t_end))
         if self.system is not None and self.cells is not None:
             raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
+        for path, ends in self.uncertain.items():
+            if len(ends) != 2 or not ends[0] < ends[1]:
+                remedy = 'write "stops.stiffness" = [4.5e6, 5.5e6]'
+                raise InputError(f"uncertain.{path}", ends, "be a range of two increasing numbers", remedy)
         case = Case(
             self.name, self.title or self.name, self.problem,
             0 if self.problem is None else integer("cells", self.cells, 4), float(self.dt), float(self.t_end),
-            tuple(self._runs()), self.published, tuple(self.inferred), self._uncertain(), self.system,
+            tuple(self._runs()), self.published, tuple(self.inferred),
+            {path: (float(low), float(high)) for path, (low, high) in self.uncertain.items()}, self.system,
         )  # fmt: skip
         # A path that the case does not have, and an end of a range that no system can have.
         if case.uncertain:
@@ -316,14 +317,6 @@ class Entry:
             if beam is None and written != form:
                 raise InputError("runs", f"@{written}", "be without a form", "it is that of the matrices: leave @ out")
             yield scheme, written
-
-    def _uncertain(self) -> dict[str, tuple[float, float]]:
-        """Ranges by path."""
-        for path, ends in self.uncertain.items():
-            if len(ends) != 2 or not ends[0] < ends[1]:
-                remedy = 'write "stops.stiffness" = [4.5e6, 5.5e6]'
-                raise InputError(f"uncertain.{path}", ends, "be a range of two increasing numbers", remedy)
-        return {path: (float(ends[0]), float(ends[1])) for path, ends in self.uncertain.items()}
 
 
 def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dict[str, Case]:

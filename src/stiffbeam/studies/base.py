@@ -82,7 +82,7 @@ class Study:
     labels: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     def __init_subclass__(cls) -> None:
-        STUDIES[cls.__name__.lower()] = cls
+        STUDIES[cls.name()] = cls
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -122,6 +122,11 @@ class Study:
         return ()
 
     @classmethod
+    def name(cls) -> str:
+        """Name of the study: that of the class in small letters."""
+        return cls.__name__.lower()
+
+    @classmethod
     def question(cls) -> str:
         """First line of the docstring."""
         return (cls.__doc__ or "").splitlines()[0]
@@ -129,7 +134,7 @@ class Study:
     def require(self, case: Case) -> None:
         """Raise InputError for a case without the stops or the motion that the study needs."""
         if self.needs_stops and not case.has_stops:
-            raise InputError("case", case.name, "have stops", f"{type(self).__name__.lower()} is about contact")
+            raise InputError("case", case.name, "have stops", f"{self.name()} is about contact")
         if self.needs_motion and scales(case.system(), case.t_end).speed == 0.0:
             remedy = "give it a base motion, a load or initial data"
             raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
@@ -157,7 +162,7 @@ class Records:
     @property
     def name(self) -> str:
         """Name of the study."""
-        return type(self.study).__name__.lower()
+        return self.study.name()
 
     @property
     def found(self) -> Table:
@@ -250,7 +255,7 @@ def perform(
     study.require(case)
     if jobs is not None:
         integer("jobs", jobs, 1)
-    name = type(study).__name__.lower()
+    name = study.name()
     with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)
         store, until = Store(folder, _key(study, case)), time.time() + getattr(study, "budget", np.inf)

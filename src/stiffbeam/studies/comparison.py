@@ -84,8 +84,16 @@ class CaseComparison:
         if not self.runs and refused and all(isinstance(x, InputError) and x.field != "dt" for x in refused):
             self.failures.clear()
             raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
-        methods, main = dict.fromkeys([*references, *(x.source for x in chosen if x.kind == SOLVER)]), None
-        for solution in self._references(system, list(methods)):
+        main: Reference | None = None
+        for method in dict.fromkeys([*references, *(x.source for x in chosen if x.kind == SOLVER)]):
+            try:
+                solution = self._solve(system, method, main)
+            except (InputError, SolverFailure) as error:
+                self._note(f"{method}@{system.form}", error)
+                continue
+            if solution is None:
+                return
+            self.references.append(solution)
             for run in self.runs if main is None else [solution]:
                 show(f"measuring {run.label}", 0, 0)
                 try:
@@ -95,33 +103,22 @@ class CaseComparison:
             main = main or solution
             yield solution
 
-    def _references(self, system: System, methods: Sequence[str]) -> Iterator[Reference]:
-        """Yield the main reference, the first of ``methods`` that can take the system, then the others to its
-        horizon."""
-        main, case, show = None, self.case, current()
-        steps, seconds = round(case.t_end / case.dt), 4.0 * self.budget
-        for method in methods:
-            label = f"{method}@{system.form}"
-            show(label if main is None else f"{label} to the horizon {steps * case.dt:.3g}", 0, 0)
-            # The exact solution takes no longer than reading a file.
-            solve = cached_reference if self.cache and method != "exact" else reference
-            # Stored and adaptive solutions answer at the times they were asked for: the runs' own steps.
-            whole = main is None and method == "exact"
-            times = np.arange(steps + 1) * case.dt
-            t_end = case.t_end if main is None else float(times[-1])
-            try:
-                solution = solve(system, t_end, method, None if whole else times, progress=False, seconds=seconds)
-            except (InputError, SolverFailure) as error:
-                self._note(label, error)
-                continue
-            if main is None:
-                main, seconds = solution, self.budget
-                window = min(float(solution.t[-1]), solution.horizon)
-                steps = int(np.floor(window / case.dt * (1 + 1e-12)))
-            self.references.append(solution)
-            yield solution
+    def _solve(self, system: System, method: str, main: Reference | None) -> Reference | None:
+        """The main reference to the end of the case, or another one to its horizon; None where that is no two steps."""
+        case, steps, label = self.case, round(self.case.t_end / self.case.dt), f"{method}@{system.form}"
+        if main is not None:
+            steps = int(np.floor(min(float(main.t[-1]), main.horizon) / case.dt * (1 + 1e-12)))
+            label += f" to the horizon {steps * case.dt:.3g}"
             if steps < 2:
-                return
+                return None
+        current()(label, 0, 0)
+        times = np.arange(steps + 1) * case.dt
+        # The exact solution takes no longer than reading a file. Stored and adaptive solutions answer at the times they
+        # were asked for: the runs' own steps.
+        solve = cached_reference if self.cache and method != "exact" else reference
+        asked = None if main is None and method == "exact" else times
+        end, seconds = (case.t_end, 4.0 * self.budget) if main is None else (float(times[-1]), self.budget)
+        return solve(system, end, method, asked, progress=False, seconds=seconds)
 
     def _note(self, label: str, error: Exception) -> None:
         """A run or reference that there is not, and why."""

@@ -16,18 +16,8 @@ from ..basics.progress import Show, working
 from ..basics.storage import write_whole
 from ..basics.text import plain, several
 from ..basics.validation import InputError, sequence
-from ..figures.chart import (
-    COLOURS,
-    Axes,
-    Figure,
-    log_scale,
-    look,
-    mark_order,
-    new_figure,
-    save_figure,
-    say_empty,
-    shared_legend,
-)
+from ..figures import chart
+from ..figures.chart import COLOURS, Axes, Figure
 from ..files.columns import TIMES, bare, read_columns, time_of
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
@@ -227,7 +217,7 @@ class Scorecard:
         }  # fmt: skip
         written = [write_whole(folder / name, text) for name, text in texts.items()]
         run = dict.fromkeys(e.problem.name for e in self.entries if e.runs)
-        return written + [save_figure(self.figure(name), folder / f"{name}.png") for name in run]
+        return written + [chart.save_figure(self.figure(name), folder / f"{name}.png") for name in run]
 
 
 def _number(x: float) -> str:
@@ -314,9 +304,7 @@ def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], lab
         those = [_of_problem(chosen, run_of(run, chosen.system, label)) for run in runs]
     except Diverged as error:
         raise InputError("the run", str(error), "be finite", "end the run before it overflows") from None
-    those.sort(key=lambda run: len(run.t))
-    rows = tuple({"level": len(run.t) - 1, "cost": len(run.t) - 1} | errors_of(chosen, run) for run in those)
-    return Scorecard((verdict(Entry(label, chosen, rows, False), float("nan")),))
+    return score([those], chosen)
 
 
 def _of_problem(each: Problem, run: Trajectory) -> Trajectory:
@@ -609,20 +597,20 @@ def motion(axis: Axes, problem: Problem) -> None:
 def score_picture(entries: Sequence[Entry]) -> Figure:
     """The motion of the entries' problem, the error of the tip over the cost, and that of the impact times."""
     problem = entries[0].problem
-    figure = new_figure(3.6, problem.title)
+    figure = chart.new_figure(3.6, problem.title)
     left, middle, right = figure.subplots(1, 3)
     motion(left, problem)
     for e in (e for e in entries if e.runs):
         for axis, column in ((middle, "tip_error"), (right, "impact_time_error")):
             errors = np.abs([run[column] for run in e.runs])
-            style = look(e.integrator) | {"ms": 4, "lw": 1.2}
+            style = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
             axis.plot([run["cost"] for run in e.runs], np.maximum(errors, 1e-16), **style, label=short(e.integrator))
     for axis, label in ((middle, "rms error of u over max |u|"), (right, "largest error of impact times")):
         axis.set(xlabel="stages, or right-hand sides", ylabel=label)
         if any(np.any(np.isfinite(np.asarray(line.get_ydata(), float))) for line in axis.lines):
-            log_scale(axis)
+            chart.log_scale(axis)
         else:
-            say_empty(axis, "no impact times are known")
-    mark_order(middle, [-2.0], y=0.95)  # errors fall to the right: above them is room
-    shared_legend(figure, 6)
+            chart.say_empty(axis, "no impact times are known")
+    chart.mark_order(middle, [-2.0], y=0.95)  # errors fall to the right: above them is room
+    chart.shared_legend(figure, 6)
     return figure
