@@ -1,4 +1,4 @@
-"""The score: errors and orders of integrators on problems with known answers, one flag with its reason, pictures."""
+"""The score: errors and orders of integrators on problems with known answers, one flag with its reason."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..basics.storage import write_whole
 from ..basics.text import plain, several
 from ..basics.validation import InputError, sequence
 from ..figures import chart
-from ..figures.chart import COLOURS, Axes, Figure
+from ..figures.chart import Figure
 from ..files.columns import TIMES, bare, read_columns, time_of
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
@@ -205,8 +205,24 @@ class Scorecard:
         return self.report().html()
 
     def figure(self, problem: str) -> Figure:
-        """Motion of a problem, and the errors of tip and impact times over the cost."""
-        return score_picture([e for e in self.entries if e.problem.name == problem])
+        """Errors of tip and impact times on a problem over the cost."""
+        entries = [e for e in self.entries if e.problem.name == problem]
+        figure = chart.new_figure(3.6, entries[0].problem.title)
+        left, right = figure.subplots(1, 2)
+        for e in (e for e in entries if e.runs):
+            for axis, column in ((left, "tip_error"), (right, "impact_time_error")):
+                errors = np.maximum([abs(run[column]) for run in e.runs], 1e-16)
+                style = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
+                axis.plot([run["cost"] for run in e.runs], errors, **style, label=short(e.integrator))
+        for axis, label in ((left, "rms error of u over max |u|"), (right, "largest error of impact times")):
+            axis.set(xlabel="stages, or right-hand sides", ylabel=label)
+            if any(np.any(np.isfinite(np.asarray(line.get_ydata(), float))) for line in axis.lines):
+                chart.log_scale(axis)
+            else:
+                chart.say_empty(axis, "no impact times are known")
+        chart.mark_order(left, [-2.0], y=0.95)  # errors fall to the right: above them is room
+        chart.shared_legend(figure, 6)
+        return figure
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write score.txt, score.csv, score.json and a picture of each problem that an integrator has run."""
@@ -569,48 +585,3 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
         raise InputError("--trajectory", found, "hold at least 4 of them", remedy)
     time_of(file, "--trajectory", table)
     return tuple(table.iloc[:, names.index(name)].to_numpy(float) for name in "tuv" if name in names)
-
-
-# ---------------------------------------------------------------- pictures
-
-
-def motion(axis: Axes, problem: Problem) -> None:
-    """The known tip positions with the stops of the first contact, and the known impacts."""
-    contact = problem.data["contacts"][0]
-    t, u, v = problem.times, problem.answers["tip"].value, problem.answers["tip_velocity"].value
-    # Impacts on rigid stops turn the velocity between samples, where a cubic would not.
-    if "impacts" not in problem.answers or not problem.rigid:
-        fine = np.linspace(t[0], t[-1], 1500)
-        axis.plot(fine, CubicHermiteSpline(t, u, v)(fine), color="black", lw=1.0)
-    axis.plot(t, u, "o", color="black", ms=2.5, label="known")
-    if problem.data.get("observe", contact["row"]) == contact["row"] and "offset" not in contact:
-        sides = [side for side in ("lower", "upper") if side in contact]
-        for side in sides:
-            axis.axhline(contact[side], color=COLOURS[1], lw=1.0, label="stop" if side == sides[0] else None)
-    if "impacts" in problem.answers:
-        when = problem.answers["impacts"].value
-        axis.plot(when, np.full(len(when), 0.02), "|", color=COLOURS[1], ms=9, transform=axis.get_xaxis_transform(),
-                  label="impacts")  # fmt: skip
-    axis.set(xlabel="time $t$", ylabel="$u(t)$")
-
-
-def score_picture(entries: Sequence[Entry]) -> Figure:
-    """The motion of the entries' problem, the error of the tip over the cost, and that of the impact times."""
-    problem = entries[0].problem
-    figure = chart.new_figure(3.6, problem.title)
-    left, middle, right = figure.subplots(1, 3)
-    motion(left, problem)
-    for e in (e for e in entries if e.runs):
-        for axis, column in ((middle, "tip_error"), (right, "impact_time_error")):
-            errors = np.abs([run[column] for run in e.runs])
-            style = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
-            axis.plot([run["cost"] for run in e.runs], np.maximum(errors, 1e-16), **style, label=short(e.integrator))
-    for axis, label in ((middle, "rms error of u over max |u|"), (right, "largest error of impact times")):
-        axis.set(xlabel="stages, or right-hand sides", ylabel=label)
-        if any(np.any(np.isfinite(np.asarray(line.get_ydata(), float))) for line in axis.lines):
-            chart.log_scale(axis)
-        else:
-            chart.say_empty(axis, "no impact times are known")
-    chart.mark_order(middle, [-2.0], y=0.95)  # errors fall to the right: above them is room
-    chart.shared_legend(figure, 6)
-    return figure
