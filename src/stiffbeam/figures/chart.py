@@ -49,7 +49,7 @@ EXACT = ("exact", "multiprecision", "reference")  # what stands for the exact mo
 LOOKS = {name: scheme.look for name, scheme in (SCHEMES | RIGID).items()}
 _TAKEN = {(dashes, marker) for _, dashes, marker in LOOKS.values()}
 _FREE = [(d, m) for d in range(len(DASHES)) for m in range(len(MARKERS)) if (d, m) not in _TAKEN]
-_COLOUR_OF: dict[str, int] = {}  # of the other names that this process has drawn
+_OTHERS: dict[str, int] = {}  # number of each other name, as this process has drawn them
 
 
 def look(label: str) -> dict[str, Any]:
@@ -57,8 +57,7 @@ def look(label: str) -> dict[str, Any]:
 
     The exact motion is black. A scheme has its colour by name; other parameters than its default's change
     dashes and marker. The Nyström form of SDIRK-OS is the same scheme and looks the same. Adaptive solvers
-    have muted colours. A user's scheme has a colour chosen by its label, or the next one that no other label has in
-    this process.
+    have muted colours. A user's scheme has the next look that no other label has in this process.
     """
     if label in EXACT:
         return {"color": "black", "linestyle": "-", "marker": "*"}
@@ -80,14 +79,11 @@ def _style(colour: str, dashes: int, marker: int) -> dict[str, Any]:
 
 
 def look_of_name(name: str) -> tuple[int, int, int]:
-    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else by the name's checksum and _COLOUR_OF."""
+    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else the next ones of _OTHERS."""
     if name in LOOKS:
         return LOOKS[name]
-    rest, colour = divmod(crc32(name.encode()), len(OWN))
-    if name not in _COLOUR_OF:
-        free = [c for c in range(len(OWN)) if c not in _COLOUR_OF.values()]
-        _COLOUR_OF[name] = min(free or [colour], key=lambda c: (c - colour) % len(OWN))
-    return len(COLOURS) + _COLOUR_OF[name], *_FREE[rest % len(_FREE)]
+    k = _OTHERS.setdefault(name, len(_OTHERS))
+    return len(COLOURS) + k % len(OWN), *_FREE[8 * k % len(_FREE)]  # dashes and marker both change with k
 
 
 def dashed(i: int) -> Any:

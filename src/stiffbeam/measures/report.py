@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from textwrap import fill
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison
 
 DASH = "–"
-EVEN = 1e-6  # of the median step: steps that differ by less are of one length
 WIDTH = 100  # letters of a line of text
 
 
@@ -63,21 +62,25 @@ def largest(run: Trajectory) -> str:
     return ", ".join(facts) or "at rest"
 
 
-def verdict(comparisons: Sequence[Comparison]) -> str:
-    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is.
+def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
+    """The least and the largest of the numbers that are known, each with the short name of its method."""
+    known = sorted((value, method_of(name)) for name, value in values.items() if np.isfinite(value))
+    if not known:
+        return "not known"
+    (low, first), (high, last) = known[0], known[-1]
+    if written(low) == written(high):
+        return f"{written(low)} ({first if len(known) == 1 else 'all'})"
+    return f"{written(low)} ({first}) to {written(high)} ({last})"
 
-    Of several runs the first and the last to part from the reference are named.
-    """
-    known = [c for c in comparisons if np.isfinite(c.matched_until) and c.contacts]
-    ends = sorted((c.matched_until, method_of(c.label)) for c in known)
-    if not ends:
-        errors = sorted(c.tip_error_rms for c in comparisons)
-        span = " to ".join(dict.fromkeys(percent(error) for error in (errors[0], errors[-1])))
-        return f"tip error {span} rms to t = {comparisons[0].window:.3g}"
-    (first, early), (last, late) = ((f"{t:.3g}", name) for t, name in (ends[0], ends[-1]))
-    if len(ends) == 1:
-        return f"impacts match to t = {first}, tip error {percent(known[0].tip_error_matched)} rms"
-    return f"impacts match to t = {first}" + (f" ({early}) to {last} ({late})" if first != last else " in all runs")
+
+def verdict(comparisons: Sequence[Comparison]) -> str:
+    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is, see
+    ``extremes``."""
+    known = {c.label: c.matched_until for c in comparisons if c.contacts and np.isfinite(c.matched_until)}
+    if not known:
+        errors = extremes({c.label: c.tip_error_rms for c in comparisons}, percent)
+        return f"tip error {errors} rms to t = {comparisons[0].window:.3g}"
+    return f"impacts match to t = {extremes(known, '{:.3g}'.format)}"
 
 
 def common_window(comparisons: Sequence[Comparison]) -> float:
@@ -136,11 +139,7 @@ def _table_text(frame: Any, width: int | None) -> str:
     return rows.to_string(line_width=width)
 
 
-def report_of(
-    comparisons: Sequence[Comparison],
-    references: Sequence[Reference] = (),
-    failures: Sequence[tuple[str, str, str]] = (),
-) -> Report:
+def report_of(comparisons: Sequence[Comparison], failures: Sequence[tuple[str, str, str]] = ()) -> Report:
     """Tables of comparisons with one reference, to the horizon and of the whole runs, with remarks above and notes
     below them.
 
@@ -150,7 +149,7 @@ def report_of(
     if comparisons:
         tables = [_table(comparisons, to_end) for to_end in (False, True)]
         heads = " ".join(str(head) for _, frame in tables for head in frame)
-        notes = dict.fromkeys(_notes(comparisons, references, heads))
+        notes = dict.fromkeys(_notes(comparisons, heads))
     return Report(remarks, tables, [*notes, *("  ".join(failure) for failure in failures)])
 
 
@@ -257,7 +256,7 @@ HEADS = {  # what the heads of columns mean
 ON_RIGID_STOPS = "Impacts: of a scheme one a step at most, of the reference all, beside arrays those of their steps."
 
 
-def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], heads: str) -> Iterator[str]:
+def _notes(comparisons: Sequence[Comparison], heads: str) -> Iterator[str]:
     """The notes without which the tables, with these heads of columns, would be misread."""
     first, common = comparisons[0], common_window(comparisons)
     match = "" if common == first.window else ", where the impacts of all runs still match"
@@ -276,14 +275,10 @@ def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], h
     system = first.pair[1].system
     if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
         yield "The reference is exact for this mesh; `stiffbeam study space` measures the mesh."
-    for r in references:
-        if "budget" in r.provenance:
-            yield f"{method_of(r.label)} was computed {r.provenance['budget']}, and its tip error is to that time."
+    for run in (first.pair[1], *(c.pair[0] for c in comparisons)):
+        if "budget" in run.provenance:
+            yield f"{method_of(run.label)} was computed {run.provenance['budget']}, and its tip error is to that time."
     if any(x.impacts.at_start for x in first.pair[1].contacts):
         yield "A contact that begins at t = 0 counts as contact, not as an impact."
     for c in comparisons:
-        name, lengths = c.label.partition("@")[0], np.diff(c.times)
-        if np.ptp(lengths) > EVEN * c.dt:
-            least, most, median = (number(x) for x in (lengths.min(), lengths.max(), c.dt))
-            yield f"{name}: steps of {least} to {most}, {median} in the median."
-        yield from (f"{name}, {reason}." for reason in c.missing)
+        yield from (f"{c.label.partition('@')[0]}, {reason}." for reason in c.missing)

@@ -31,11 +31,11 @@ from ..basics.storage import make_folder, source_hash, write_whole
 from ..basics.text import plain
 from ..basics.units import with_unit
 from ..basics.validation import InputError, exact_float, integer, one_of, sequence
-from ..figures.chart import Figure, short
+from ..figures.chart import Figure
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, integrators
 from ..measures.errors import Order, first_impacts_end, observed_order
-from ..measures.report import Report
+from ..measures.report import Report, extremes
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import covered
@@ -454,17 +454,6 @@ def chosen_schemes(case: Case, given: Sequence[Any] | None = None) -> dict[str, 
 def takes(case: Case, scheme: Scheme) -> bool:
     """Return True if ``scheme`` supports the stops of the case."""
     return takes_stops(scheme, (c.stops for c in case.system().contacts))
-
-
-def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
-    """The least and the largest of the numbers that are known, each with the short name of its method."""
-    known = sorted((value, short(name)) for name, value in values.items() if np.isfinite(value))
-    if not known:
-        return "not known"
-    (low, first), (high, last) = known[0], known[-1]
-    if written(low) == written(high):
-        return f"{written(low)} ({first if len(known) == 1 else 'all'})"
-    return f"{written(low)} ({first}) to {written(high)} ({last})"
 
 
 def clear_orders(orders: Mapping[str, Order]) -> str:

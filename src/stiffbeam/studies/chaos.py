@@ -26,6 +26,7 @@ from ..basics.validation import InputError, positive
 from ..figures.chart import Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
+from ..measures.report import extremes
 from ..model.members import off_rigid_stops
 from ..model.modes import undamped_modes
 from ..model.scales import scales
@@ -130,7 +131,7 @@ class Chaos(Study):
         cells = {x: "not exponential" if x in means else f"fewer than {SURE} pairs" for x in table.method.unique()}
         cells |= {method: f"{mean:.3g} ± {interval:.2g}" for method, (mean, interval) in known.items()}
         rates = {method: mean for method, (mean, _) in known.items() if method != "exact"}
-        said = [f"{base.extremes(rates, '{:.3g}'.format)} for schemes"] if rates else []
+        said = [f"{extremes(rates, '{:.3g}'.format)} for schemes"] if rates else []
         notes = "Means over the starts, ± 95 % by their scatter."
         if "exact" in known:
             said.insert(0, f"{cells['exact']} for the exact flow")

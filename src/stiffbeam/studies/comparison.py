@@ -127,7 +127,7 @@ class CaseComparison:
 
     def report(self) -> Report:
         """The tables of what has been compared."""
-        return report_of(self.comparisons, self.references, self.failures)
+        return report_of(self.comparisons, self.failures)
 
     def to_dict(self) -> dict[str, Any]:
         """Case, comparisons and failures as plain numbers and texts, for JSON."""

@@ -11,7 +11,7 @@ import pandas as pd
 from ..figures.chart import Axes, Figure, lines, name_lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.report import DASH, percent
+from ..measures.report import DASH, extremes, percent
 from ..trajectory.trajectory import Trajectory
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -85,9 +85,7 @@ class Energy(Study):
             part = f"{100 * shares[row.scheme]:z.0f} %" if row.sure else DASH
             small.append({"scheme": row.scheme, "energy lost": loss, "of it in contact": part})
         end = f"{(schemes if len(schemes) else last).t.max():g}"
-        verdict = (
-            f"Schemes lose {base.extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none."
-        )
+        verdict = f"Schemes lose {extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none."
         if not lost and not known:
             verdict = f"The steps do not resolve the work of dampers to t = {end}: losses are known to the ± only."
         notes = (

@@ -21,7 +21,7 @@ from ..basics.units import with_unit
 from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
-from ..measures.report import DASH, percent
+from ..measures.report import DASH, extremes, percent
 from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
@@ -128,7 +128,7 @@ class Ensemble(Study):
                 line[with_unit(units, "median duration", "time")] = f"{row['median']:.2g}"
                 line[with_unit(units, "half-time duration", "time")] = f"{row['half_time']:.2g}"
             small.append(line)
-        counted = f"; schemes count {base.extremes(means, '{:.4g}'.format)} at dt = {case.dt:g}" if means else ""
+        counted = f"; schemes count {extremes(means, '{:.4g}'.format)} at dt = {case.dt:g}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
         share = percent(float(np.mean(distribution(table[table.method == "exact"], "fraction"))))
         return Answer(

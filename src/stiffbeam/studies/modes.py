@@ -15,6 +15,7 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors
 from ..measures.frequencies import without_contact
+from ..measures.report import extremes
 from ..model.modes import modes, undamped_modes
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -98,8 +99,8 @@ class Modes(Study):
         left = len(table) - len(measured)
         notes = f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period."
         return Answer(
-            f"Mode {measured['mode'].iloc[0]:g} is late by {base.extremes(first.period_elongation.to_dict(), late)}, "
-            f"with a damping ratio of {base.extremes(first.damping_ratio.to_dict(), damped)}. In all modes runs "
+            f"Mode {measured['mode'].iloc[0]:g} is late by {extremes(first.period_elongation.to_dict(), late)}, "
+            f"with a damping ratio of {extremes(first.damping_ratio.to_dict(), damped)}. In all modes runs "
             f"differ from theory by at most {off[0]:.1g} in the period and {off[1]:.1g} in the damping ratio.",
             small,
             notes if left else "",
