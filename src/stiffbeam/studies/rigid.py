@@ -14,7 +14,7 @@ import pandas as pd
 from ..basics.arrays import Array
 from ..basics.units import with_unit
 from ..basics.validation import InputError
-from ..figures.chart import Figure, log_scale, panel_legend, style_of
+from ..figures.chart import Figure, log_scale, style_of
 from ..files.cases import Case
 from ..measures.errors import tip_error
 from ..measures.report import percent
@@ -124,7 +124,7 @@ class Rigid(Study):
             others = table[(table[name] > 0.0) & ~table.index.isin(near.index)]
             axis.plot(others.kappa, others[name], label="other impacts than rigid stops", **style | {"mfc": "white"})
             log_scale(axis)
-            panel_legend(axis)
+            axis.legend(frameon=False, fontsize=8)
 
 
 def _impulse_error(impulses: Array, rigid: Array) -> float:
