@@ -22,7 +22,7 @@ from ..basics.resources import cores
 from ..basics.storage import make_folder, write_whole
 from ..basics.text import cut, plain
 from ..basics.validation import InputError, file_path, near, positive
-from ..references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
+from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 
 if TYPE_CHECKING:
     from ..files.cases import Case
@@ -193,8 +193,6 @@ class Options:
     ] = None
     form: Form = None
     contact: Annotated[str, Parameter(help="implicit, conserving, or extrapolated as in the paper.")] = "implicit"
-    cache: Annotated[bool, Parameter(help="Store references and use stored ones.")] = True
-    budget: Annotated[float, Parameter(help="Seconds for each reference; one that needs more ends earlier.")] = BUDGET
     rates: Annotated[bool, Parameter(help="Add rates of impacts, impulse and work at every stop.")] = False
 
 
@@ -210,7 +208,6 @@ def compare(
     from ..studies.comparison import CaseComparison
 
     chosen, options = asked_case(case, dt, t_end), options or Options()
-    positive("--budget", options.budget)
     schemes = None if options.schemes is None else split_runs(options.schemes)
     names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
     check_json(json)
@@ -218,7 +215,7 @@ def compare(
         if listed == []:
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
-    result = CaseComparison(chosen, options.form, options.contact, options.budget, options.cache)
+    result = CaseComparison(chosen, options.form, options.contact)
     tell, written = (say if str(json) != "-" else str), list[Path]()
     with progress() as show:
         try:

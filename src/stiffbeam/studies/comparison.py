@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.progress import current
-from ..basics.validation import InputError, one_of, positive, step_count
+from ..basics.validation import InputError, one_of, step_count
 from ..files.cases import Case, compared
 from ..files.store import cached_reference
 from ..integrators import SCHEME, SOLVER, fastest, integrators
@@ -17,7 +17,7 @@ from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
 from ..measures.report import Report, report_of
 from ..model.system import System
-from ..references import reference, substitute
+from ..references import substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
@@ -26,16 +26,13 @@ from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajecto
 class CaseComparison:
     """A comparison of the runs of a case, see ``run``, and what it has so far.
 
-    form: None for that of the case's first run. budget: CPU seconds that a further reference may take, the main one
-    four times as many; one that would take more ends earlier. cache: store the references, and use stored ones.
-    failures: ("failed" or, of what cannot be asked of the case, "refused", label, message).
+    form: None for that of the case's first run. failures: ("failed" or, of what cannot be asked of the case, "refused",
+    label, message).
     """
 
     case: Case
     form: str | None = None
     contact: str = "implicit"
-    budget: float = BUDGET
-    cache: bool = False
     runs: list[Trajectory] = field(default_factory=list)
     references: list[Reference] = field(default_factory=list)  # the main one first
     comparisons: list[Comparison] = field(default_factory=list)  # one for each run and further reference
@@ -61,7 +58,6 @@ class CaseComparison:
         case, show = self.case, current()
         step_count(case.dt, case.t_end)
         one_of("contact", self.contact, TREATMENTS)
-        positive("budget", self.budget)
         form = self.form or (case.runs[0][1] if case.runs else case.forms[0])
         system = case.system(form)
         if references is None:
@@ -113,12 +109,10 @@ class CaseComparison:
                 return None
         current()(label, 0, 0)
         times = np.arange(steps + 1) * case.dt
-        # The exact solution takes no longer than reading a file. Stored and adaptive solutions answer at the times they
-        # were asked for: the runs' own steps.
-        solve = cached_reference if self.cache and method != "exact" else reference
+        # Stored and adaptive solutions answer at the times they were asked for: the runs' own steps.
         asked = None if main is None and method == "exact" else times
-        end, seconds = (case.t_end, 4.0 * self.budget) if main is None else (float(times[-1]), self.budget)
-        return solve(system, end, method, asked, progress=False, seconds=seconds)
+        end, seconds = (case.t_end, 4.0 * BUDGET) if main is None else (float(times[-1]), BUDGET)
+        return cached_reference(system, end, method, asked, progress=False, seconds=seconds)
 
     def _note(self, label: str, error: Exception) -> None:
         """A run or reference that there is not, and why."""
