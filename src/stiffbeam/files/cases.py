@@ -20,7 +20,7 @@ from ..model.members import varied_members
 from ..model.problem import BeamProblem
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
-from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
+from ..schemes import RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
 from .paper import paper_text
 from .reader import Line, Reader, located
@@ -248,10 +248,8 @@ def compared(case: Case, form: str) -> list[Scheme]:
     schemes = [scheme for scheme, of_run in case.runs if of_run == form] or [scheme for scheme, _ in case.runs]
     table = paper_cases().get(case.name)
     # A file of the user may have the name of a table: other runs are left as they are.
-    if table is not None and case.runs == table.runs:
-        kinds = {type(scheme) for scheme in schemes}
-        schemes += [x for x in (BDF2(), SDIRK(nystrom=True), HHT()) if type(x) not in kinds]
-    return schemes
+    besides = default_schemes() if table is not None and case.runs == table.runs else []
+    return schemes + [x for x in besides if type(x) not in map(type, schemes)]
 
 
 # ---------------------------------------------------------------- the file's form

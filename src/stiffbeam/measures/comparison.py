@@ -180,8 +180,6 @@ class Comparison(Tables):
     window, t_end : float
     tip_error_rms, tip_error_max : float
         Errors u_run - u_ref at the run's steps, over max |u_ref|.
-    tip_error_matched : float
-        The rms up to ``matched_until``.
     matched_until : float
         The time to which the impacts match at all contacts, at most the window. NaN where the run lacks impacts.
     phase : PhaseLag
@@ -211,7 +209,6 @@ class Comparison(Tables):
     t_end: float
     tip_error_rms: float
     tip_error_max: float
-    tip_error_matched: float
     matched_until: float
     phase: PhaseLag
     energy_lost: float
@@ -325,7 +322,6 @@ def _compared(run: Any, reference: Reference) -> Comparison:
     contacts = tuple(_contact(run, reference, system, i, t[:steps], window) for i in range(len(system.contacts)))
     together = min((c.matching.matched_until for c in contacts), default=window)
     unknown = any(contact.impacts.kind == "unknown" for contact in run.contacts)
-    matched = 0 if unknown else min(inside, steps_to(t, together))
     energy = run.energy if run.has_energy else None
     lost = [float("nan") if energy is None else energy.lost_fraction(k - 1) for k in (inside, steps)]
     # The lag is measured while the impacts match; past that, no shift makes the two motions alike.
@@ -338,7 +334,6 @@ def _compared(run: Any, reference: Reference) -> Comparison:
         label=run.label, reference=reference.label, units=system.units, dt=dt, steps=run.work.steps,
         seconds=run.work.seconds, ns_per_step=run.work.ns_per_step,
         window=window, t_end=t_end, tip_error_rms=rms(error, t[:inside]), tip_error_max=float(np.max(np.abs(error))),
-        tip_error_matched=float("nan") if unknown else rms(error[:matched], t[:matched]),
         matched_until=float("nan") if unknown else together, phase=lag, energy_lost=lost[0], contacts=contacts,
         totals_energy_lost=lost[1], missing=tuple(_missing(run, system, contacts)), remark=remark(system, reference),
         pair=(run, reference), error=error, times=t[:inside],

@@ -428,13 +428,10 @@ def chosen(case: Case, given: Sequence[Any] | None = None) -> dict[str, Integrat
     stands under that name.
     """
     if given is None:
-        stated: dict[str, Scheme] = {}
-        for scheme, _ in case.runs:
-            stated.setdefault(type(scheme).__name__, scheme)
-        rigid = RIGID if case.system().rigid else {}
-        others = {name: make(name) for name in (*SCHEMES, *rigid) if name != "Theta" and name not in stated}
-        every = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}
-        given = [every[name] for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in every]
+        stated = {type(scheme).__name__: scheme for scheme, _ in reversed(case.runs)}
+        known = dict.fromkeys((*SCHEMES, *(RIGID if case.system().rigid else ()), *stated))
+        every = {name: stated.get(name) or make(name) for name in known if name != "Theta" or name in stated}
+        given = [scheme for name, scheme in every.items() if name in stated or takes(case, scheme)]
     each = integrators(sequence("schemes", given, "be integrators", "for example ['HHT(alpha=-0.1)']"))
     for x in each:
         if x.kind == RECORDED:

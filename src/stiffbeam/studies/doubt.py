@@ -123,7 +123,8 @@ class Doubt(Study):
         # Of rounding and data the scatter of the members counts, of scheme and mesh their distance from the exact ones.
         scatters, none = source in ("rounding", "data"), source == "rounding" and other is exact
         off = other.tip - (np.median(other.tip, axis=0) if scatters else exact.tip)
-        samples = {"tip": (float(np.max(np.abs(exact.tip))), np.sqrt(np.mean(off**2, axis=1)), np.mean)}
+        distances = np.sqrt(np.mean(off**2, axis=1))
+        samples: dict[str, Any] = {"tip": (float(np.max(np.abs(exact.tip))), distances, np.mean)}
         for name, known in wanted.items():
             if np.all(np.isfinite(known)):
                 sample = values[name] if scatters else values[name] - known

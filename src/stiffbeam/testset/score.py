@@ -182,7 +182,7 @@ class Scorecard:
         head = "Errors are those of the finest run; of the tip the rms over its largest displacement."
         if len(self.integrators) > 1:
             head = f"Tip error of the finest run. !: see below. {DASH}: {NOT_TAKEN}."
-        rows = pandas.DataFrame(
+        rows: Any = pandas.DataFrame(
             [(short(e.integrator), e.problem.name, e.outcome, e.reason,
               e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason)
              for e in sorted(self.entries, key=lambda e: not e.flagged) if e.reason],
