@@ -329,7 +329,7 @@ def test_records_of_a_study_show_their_table_and_picture():
     rows = cells(records)
     assert rows[0] == list(records.answer.table)
     assert len(rows) == 1 + len(records.answer.table)
-    assert records._repr_png_().startswith(PNG)
+    assert records.figure()._repr_png_().startswith(PNG)
 
 
 # ---------------------------------------------------------------- nothing false is certified

@@ -216,15 +216,14 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
     for name, c, run in lines:
         if run and to_end and not c.steps:
             continue  # the adaptive solvers end at the horizon
-        own = dict.fromkeys(("impacts", "contact time", force, impulse), "")
-        if len(touched) < 2:
-            own = of_contact(c, run, c.contacts[touched[0]] if touched else None)
-        rows.append({"run": name} | own | (of_run(c) if run else {}))
+        contact = c.contacts[touched[0]] if touched else None
+        alone = of_contact(c, run, contact) if len(touched) < 2 else {}
+        rows.append({"run": name} | alone | (of_run(c) if run else {}))
         for i in touched if len(touched) > 1 else ():
             rows.append({"run": f"  {c.contacts[i].name}"} | of_contact(c, run, c.contacts[i]))
     order = ["run", "ns per step", "tip error", lag, delay, "energy lost", "impacts right to", "impacts",
              "contact time", force, impulse]  # fmt: skip
-    frame: Any = pandas.DataFrame(rows).fillna(DASH)
+    frame: Any = pandas.DataFrame(rows).fillna("")
     kept = [head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]
     return _title(comparisons, to_end), frame[kept]
 

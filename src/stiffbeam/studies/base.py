@@ -203,9 +203,6 @@ class Records:
     def _repr_html_(self) -> str:
         return self.report().html()
 
-    def _repr_png_(self) -> bytes:
-        return self.figure()._repr_png_()  # type: ignore[attr-defined]
-
     def figure(self) -> Figure:
         """The picture under the answer."""
         from ..figures.chart import finish, heading, new_figure

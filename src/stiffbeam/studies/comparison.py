@@ -22,7 +22,7 @@ from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CaseComparison:
     """A comparison of the runs of a case, see ``run``, and what it has so far.
 
@@ -37,9 +37,6 @@ class CaseComparison:
     references: list[Reference] = field(default_factory=list)  # the main one first
     comparisons: list[Comparison] = field(default_factory=list)  # one for each run and further reference
     failures: list[tuple[str, str, str]] = field(default_factory=list)
-
-    def __repr__(self) -> str:
-        return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
 
     def run(
         self, schemes: Sequence[Any] | None = None, references: Sequence[str] | None = None

@@ -34,7 +34,6 @@ from cyclopts import Parameter
 from ..basics.arrays import Array, Recent
 from ..basics.progress import current
 from ..basics.resources import over
-from ..basics.text import several
 from ..basics.units import with_unit
 from ..basics.validation import InputError, Rng, generator, number
 from ..figures.chart import Figure, style_of
@@ -151,18 +150,13 @@ class Doubt(Study):
             small.append(
                 row | {x: f"{y} ({low} to {high})" if shares[x][2] else "0" for x, (y, low, high) in texts.items()}
             )
-        there = [x for x in SOURCES if x in set(table.source)]
-        first, missing = table.iloc[0], [x for x in SOURCES if x not in there]
+        there, first = [x for x in SOURCES if x in set(table.source)], table.iloc[0]
+        missing = " and ".join(x for x in SOURCES if x not in there)  # of matrices the mesh, which nothing refines
         notes = f"{first.scheme}, dt = {case.dt:.4g}, {self.members} members to t = {case.t_end:.4g}. Rounding leaves "
         notes += f"the motion certain to t = {first.horizon:.4g}."
-        if case.problem is None:
-            notes += " The error of the mesh is not known: the case has matrices, and no mesh to refine."
-        sources = "; ".join(
-            f"{source} for {quantity}" + (f" and {several(len(others), 'other')}" if others else "")
-            for source, (quantity, *others) in named.items()
-        )
-        besides = f" besides {' and '.join(missing)}, not known" if missing else ""
+        sources = "; ".join(f"{source} for {', '.join(quantities)}" for source, quantities in named.items())
         table = pd.DataFrame(small)[["95 % intervals", "mean", "largest", *there]]
+        besides = f" besides {missing}, not known" * bool(missing)
         return Answer(f"Largest source of uncertainty{besides}: {sources}.", table, notes)
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
