@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from ..basics.arrays import Array, content
+from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, number
 from ..figures.chart import Axes, Figure, dashed, log_scale, look, tip_text
@@ -112,12 +112,14 @@ class Sweep(Study):
         """Rows of every value of this point; a value that is refused gives a row with the reason."""
         system, scheme = case.system(self.form), scheme_of(case, self.method or point["method"])
         rows: list[Row] = []
-        groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
+        groups: dict[tuple[float, float], list[tuple[Row, Setup]]] = {}
         for value in values:
             named: Row = {self.parameter: value}
             try:
                 setup = setup_of(system, self.parameter, value, point["dt"], point.get("t_end"))
-                groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if scheme else {}), setup))
+                groups.setdefault((setup.dt, setup.period), []).append(
+                    (named | ({"dt": setup.dt} if scheme else {}), setup)
+                )
             except InputError as error:
                 rows.append(named | {"lost": str(error)})
         for group in groups.values():
@@ -129,7 +131,7 @@ class Sweep(Study):
         return rows
 
     def _march(self, point: Row, scheme: Scheme | None, setups: list[Setup]) -> Ensemble:
-        """Setups of one kind, with the tip at every period."""
+        """Setups of one step and period, with the tip at every period."""
         first, systems = setups[0], [setup.system for setup in setups]
         t = first.period * np.arange(point["transient"] + point["periods"] + 1)
         end, since = float(t[-1]), float(t[point["transient"]])
@@ -297,13 +299,6 @@ class Setup:
     system: System
     dt: float
     period: float
-
-    @property
-    def kind(self) -> tuple[Any, ...]:
-        """Key that is equal for setups that can run together."""
-        system = self.system
-        arrays = system.mass, system.stiffness, system.damping, *(contact.row for contact in system.contacts)
-        return self.dt, self.period, *map(content, arrays)
 
 
 def values_of(parameter: str, values: Sequence[float] | None, count: int, period: float | None) -> list[float]:
