@@ -313,7 +313,7 @@ def reference(
     out
         File to write: .nc with everything, .json or .csv.
     """
-    from ..files.store import can_freeze, freeze
+    from ..files.store import keep
     from ..measures.errors import impact_times
     from ..references import reference, substitute
 
@@ -337,7 +337,7 @@ def reference(
         "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
     }  # fmt: skip
     if out is not None:
-        record["file"] = str(freeze(solution, out) if can_freeze(solution) else solution.save(out))
+        record["file"] = str(keep(solution, out))
     if not write_json("reference", {"references": [record]}, json):
         shown = {key: value for key, value in record.items() if key != "measured" and value not in ("", None, [])}
         say("  ".join(f"{key}: {value}" for key, value in shown.items()))

@@ -25,7 +25,9 @@ WIDTH = 100  # letters of a line of text
 
 
 def short(label: str) -> str:
-    """Short name of a method: that of the scheme or of the reference solver; any other label is returned as it is."""
+    """Short name of the method in a label, method@form: that of the scheme or of the reference solver; any other is
+    returned as it is."""
+    label = label.partition("@")[0]
     if label in REFERENCES:
         return REFERENCES[label].label
     return short_label(label).removeprefix("__main__:")
@@ -64,7 +66,7 @@ def largest(run: Trajectory) -> str:
 
 def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
     """The least and the largest of the numbers that are known, each with the short name of its method."""
-    known = sorted((value, method_of(name)) for name, value in values.items() if np.isfinite(value))
+    known = sorted((value, short(name)) for name, value in values.items() if np.isfinite(value))
     if not known:
         return "not known"
     (low, first), (high, last) = known[0], known[-1]
@@ -153,14 +155,9 @@ def report_of(comparisons: Sequence[Comparison], failures: Sequence[tuple[str, s
     return Report(remarks, tables, [*notes, *("  ".join(failure) for failure in failures)])
 
 
-def method_of(label: str) -> str:
-    """The short name of the method in a label, which is method@form."""
-    return short(label.partition("@")[0])
-
-
 def _names(comparisons: Sequence[Comparison]) -> list[str]:
     """Short names of the runs, whole ones where two are alike."""
-    names = [method_of(c.label) for c in comparisons]
+    names = [short(c.label) for c in comparisons]
     return [c.label.partition("@")[0] if names.count(x) > 1 else x for x, c in zip(names, comparisons, strict=True)]
 
 
@@ -211,7 +208,7 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
         return row | {delay: number(contact.matching.median_delay, 2), "impacts right to": until}
 
     rows = list[dict[str, str]]()
-    lines = [(f"{method_of(first.reference)} (reference)", first, False)]
+    lines = [(f"{short(first.reference)} (reference)", first, False)]
     lines += [(name, c, True) for name, c in zip(_names(comparisons), comparisons, strict=True)]
     for name, c, run in lines:
         if run and to_end and not c.steps:
@@ -276,7 +273,7 @@ def _notes(comparisons: Sequence[Comparison], heads: str) -> Iterator[str]:
         yield "The reference is exact for this mesh; `stiffbeam study space` measures the mesh."
     for run in (first.pair[1], *(c.pair[0] for c in comparisons)):
         if "budget" in run.provenance:
-            yield f"{method_of(run.label)} was computed {run.provenance['budget']}, and its tip error is to that time."
+            yield f"{short(run.label)} was computed {run.provenance['budget']}, and its tip error is to that time."
     if any(x.impacts.at_start for x in first.pair[1].contacts):
         yield "A contact that begins at t = 0 counts as contact, not as an impact."
     for c in comparisons:
