@@ -237,8 +237,10 @@ def load_cases(file: str | Path) -> dict[str, Case]:
         raise InputError("case file", str(file), "have less than 50 dots in a key", "use tables")
     try:
         data = _toml(text)
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError("case file", str(file), "be valid TOML", f"mend it: {error}") from None
+    except RecursionError:
+        raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
     return _parse(data, str(file), file.parent)
 
 
