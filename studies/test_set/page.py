@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
-from stiffbeam.figures.chart import new_figure
-from stiffbeam.figures.scores import motion
+from stiffbeam.figures.chart import COLOURS, Axes, new_figure
 from stiffbeam.testset.problem import VERSION, Answer, Problem, read
 
 LONG = 6  # values that a page shows of a list
@@ -22,6 +22,26 @@ def write_page(folder: Path) -> None:
         figure.legend(*axis.get_legend_handles_labels(), loc="outside upper right", fontsize=8, frameon=False, ncols=3)
         figure.savefig(folder / f"{problem.name}.png", dpi=80)
     (folder / "README.md").write_text(page_text(made), encoding="utf-8")
+
+
+def motion(axis: Axes, problem: Problem) -> None:
+    """The known tip positions with the stops of the first contact, and the known impacts."""
+    contact = problem.data["contacts"][0]
+    t, u, v = problem.times, problem.answers["tip"].value, problem.answers["tip_velocity"].value
+    # Impacts on rigid stops turn the velocity between samples, where a cubic would not.
+    if "impacts" not in problem.answers or not problem.rigid:
+        fine = np.linspace(t[0], t[-1], 1500)
+        axis.plot(fine, CubicHermiteSpline(t, u, v)(fine), color="black", lw=1.0)
+    axis.plot(t, u, "o", color="black", ms=2.5, label="known")
+    if problem.data.get("observe", contact["row"]) == contact["row"] and "offset" not in contact:
+        sides = [side for side in ("lower", "upper") if side in contact]
+        for side in sides:
+            axis.axhline(contact[side], color=COLOURS[1], lw=1.0, label="stop" if side == sides[0] else None)
+    if "impacts" in problem.answers:
+        when = problem.answers["impacts"].value
+        axis.plot(when, np.full(len(when), 0.02), "|", color=COLOURS[1], ms=9, transform=axis.get_xaxis_transform(),
+                  label="impacts")  # fmt: skip
+    axis.set(xlabel="time $t$", ylabel="$u(t)$")
 
 
 def page_text(made: list[Problem]) -> str:

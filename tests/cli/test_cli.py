@@ -111,10 +111,12 @@ def test_options_replace_schemes_step_folder_and_records(command, tmp_path):
 def test_an_interrupt_keeps_the_schemes_and_the_exact_solution(command, tmp_path, monkeypatch):
     from stiffbeam.studies import comparison
 
-    def stop(*given, **options):
+    def stop(system, t_end, method, times, **options):
+        if method == "exact":
+            return sb.reference(system, t_end, method, times)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(comparison, "cached_reference", stop)  # not called for the exact solution
+    monkeypatch.setattr(comparison, "cached_reference", stop)
     (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
     code, out, err = command("compare", "mine.toml", "--references", "exact,dop853", "--out", "here")
     assert code == 130

@@ -71,7 +71,7 @@ def test_the_step_at_the_end_of_the_window_counts_whatever_its_rounding():
     run, reference = sb.integrate(system, sb.BDF2(), 0.1, 0.7), sb.reference(system, 0.7)
     result = sb.compare(run, reference)
     assert run.t[-1] > result.matched_until == result.window == 0.7
-    assert result.tip_error_matched == result.tip_error_rms
+    assert result.tip_error_to(result.matched_until) == result.tip_error_rms
 
 
 def test_a_minimum_that_is_flat_to_rounding_is_no_error():
@@ -351,7 +351,7 @@ def test_records_of_a_study_show_their_table_and_picture():
     rows = cells(records)
     assert rows[0] == list(records.answer.table)
     assert len(rows) == 1 + len(records.answer.table)
-    assert records._repr_png_().startswith(PNG)
+    assert records.figure()._repr_png_().startswith(PNG)
 
 
 # ---------------------------------------------------------------- nothing false is certified

@@ -112,7 +112,6 @@ def test_a_run_at_times_of_its_own_gives_the_measures_of_its_equidistant_steps(m
         moved = 5e-6
     whole, own = sb.compare(run, ref), sb.compare((t, u, v), ref)
     assert own.window == whole.window
-    assert own.pair is not None
     assert np.all(np.diff(own.pair[0].t) > 0.0)
     assert own.tip_error_max <= whole.tip_error_max * (1 + 1e-9) + moved * fastest / largest
     # The mean over time by steps of up to 8e-4: the trapezoid of e^2, whose shortest waves last some 1e-2.

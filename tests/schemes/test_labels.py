@@ -23,7 +23,7 @@ STUDIES = {
     "chaos": ({"schemes": LABELS[:1], "starts": 8}, ["(1/s)", "digits per s"], ["(1/s)"]),
     "ensemble": ({"schemes": LABELS[:1], "members": 3}, ["duration (s)", "(N)", "(J)"],
                  ["(N)", "(J)"]),
-    "rigid": ({"factors": [16.0, 256.0, 4096.0], "impacts": 2}, ["(N/m)"], ["(N/m)", "time (s)", "force (N)", "(m)"]),
+    "rigid": ({"factors": [16.0, 256.0, 4096.0], "impacts": 2}, ["(N/m)"], ["(N/m)", "time (s)"]),
     "converge": ({"integrators": LABELS[:1], "halvings": 3, "impacts": 1, "kinds": ["smooth"]}, [], ["(s)"]),
 }  # fmt: skip
 
@@ -56,7 +56,7 @@ def test_a_comparison_names_the_unit_of_every_number():
     run, reference, text = compared(sb.semidiscretise(STEEL, 8), 1e-4, 0.1)
     assert all(words in text for words in ("(N)", "(N s)", "(s)"))
     words = words_of(sb.compare(run, reference).figure())
-    for text in ("tip displacement $u(L, t)$ (m)", "max |$u(L, t)$|", "time $t$ (s)"):
+    for text in ("tip displacement $u(L, t)$ (m)", "max |u|", "time $t$ (s)"):
         assert any(text in word for word in words), text
     assert np.allclose(run.displacement(0.4), run.tip, atol=1e-15)  # along its own length
     plain, _, text = compared(sb.semidiscretise(PLAIN, 8), 1e-3, 0.5)

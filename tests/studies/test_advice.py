@@ -93,7 +93,7 @@ def test_a_step_that_is_right_by_chance_is_not_advised(monkeypatch):
     def swinging(run, exact):
         steps = len(run.t) - 1
         good = steps >= 512 or steps in (64, 128)
-        return dict.fromkeys(QUANTITIES, 0.01 if good else 0.2), 0.0
+        return dict.fromkeys(QUANTITIES, 0.01 if good else 0.2)
 
     monkeypatch.setattr(module, "errors_of", swinging)
     found = asked(bouncing_chain(), {"impacts": 0.05}, schemes=ONE).table

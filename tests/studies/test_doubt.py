@@ -11,7 +11,7 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.files.cases import Case, case_of
-from stiffbeam.studies.doubt import drawn_members, finer_mesh, interval, largest_of, scatter, share, shift
+from stiffbeam.studies.doubt import deviation, drawn_members, finer_mesh, interval, largest_of, share
 
 CASES = 300
 LEAST, MOST = 0.91, 0.985  # of 300 intervals of 95 %: three deviations of the count, 1.26 %, and what BCa lacks at 48
@@ -49,7 +49,7 @@ def test_the_interval_of_a_scatter_covers_the_known_one():
         if not seed:
             exact = sb.reference_ensemble(system, 0.2, sb.varied_members(system, {"stops.stiffness": values}))
             np.testing.assert_allclose(exact.contacts[0].peak_force, forces, rtol=1e-9)
-        part = share(scatter(forces), float(np.mean(forces)))
+        part = share(forces, float(np.mean(forces)), deviation)
         inside += part[1] <= known <= part[2]
     assert LEAST <= inside / CASES <= MOST
 
@@ -60,7 +60,7 @@ def test_the_interval_of_a_mean_shift_covers_the_known_one(law):
     rng, inside = np.random.default_rng(7), 0
     for _ in range(CASES):
         error = 0.05 + 0.02 * (rng.normal(size=48) if law == "normal" else rng.exponential(size=48) - 1.0)
-        low, high = interval(shift(error, np.zeros(48)))
+        low, high = interval(error)
         inside += low <= 0.05 <= high
     assert LEAST <= inside / CASES <= MOST
 
@@ -68,17 +68,18 @@ def test_the_interval_of_a_mean_shift_covers_the_known_one(law):
 def test_sources_that_may_be_the_largest_are_named_together():
     """Normal errors whose means are apart by many deviations of the mean or by none; data contain rounding."""
     noise, zero = np.random.default_rng(5).normal(size=(3, 40)), np.zeros(40)
-    none = {"rounding": scatter(zero), "data": scatter(zero)}
+    none = {"rounding": (zero, 1.0, deviation), "data": (zero, 1.0, deviation)}
 
-    def named(**columns):
-        return largest_of({name: share(column, 1.0) for name, column in (none | columns).items()})
+    def named(**shares):
+        return largest_of({name: share(*one) for name, one in (none | shares).items()})
 
-    small, large = shift(0.05 + 0.02 * noise[0], zero), shift(-0.08 - 0.02 * noise[1], zero)
-    assert named(scheme=small, mesh=large) == ("mesh",)
-    assert named(scheme=small, mesh=replace(large, factors=(1.0, 0.6, 1.4))) == ("mesh", "scheme")
-    assert named(scheme=shift(zero, zero), data=scatter(np.append(zero[1:], 1.0))) == ("data",)
-    assert named(rounding=scatter(noise[0]), scheme=small, data=scatter(1.02 * noise[1])) == ("rounding",)
-    assert named(rounding=scatter(noise[0]), scheme=small, data=scatter(3.0 * noise[1])) == ("data",)
+    small, large = 0.05 + 0.02 * noise[0], -0.08 - 0.02 * noise[1]
+    rounding = noise[0], 1.0, deviation
+    assert named(scheme=(small, 1.0), mesh=(large, 1.0)) == ("mesh",)
+    assert named(scheme=(small, 1.0), mesh=(large, 1.0, np.mean, (1.0, 0.6, 1.4))) == ("mesh", "scheme")
+    assert named(scheme=(zero, 1.0), data=(np.append(zero[1:], 1.0), 1.0, deviation)) == ("data",)
+    assert named(rounding=rounding, scheme=(small, 1.0), data=(1.02 * noise[1], 1.0, deviation)) == ("rounding",)
+    assert named(rounding=rounding, scheme=(small, 1.0), data=(3.0 * noise[1], 1.0, deviation)) == ("data",)
 
 
 def test_the_energy_of_members_that_swing_freely():
@@ -171,7 +172,7 @@ def test_the_bracket_of_the_mesh_holds_the_error_against_eight_times_as_many_cel
         columns = [[np.sqrt(np.mean((tip - tips[0]) ** 2)) / size for tip in tips]]
         columns += [[getattr(x.contacts[0], name) for x in motions] for name in ("peak_force", "impulse", "fraction")]
         for coarse, fine, eight in columns:
-            _, low, high = share(replace(shift(np.full(8, fine), np.full(8, coarse)), factors=of_mesh), 1.0)
+            _, low, high = share(np.full(8, fine - coarse), 1.0, factors=of_mesh)
             inside.append(low <= abs(eight - coarse) <= high)
     assert np.mean(inside) >= (0.9 if cells == 8 else 0.7)
 
@@ -194,7 +195,7 @@ def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused(tmp_path
     records, result = doubted(case, members=16, uncertain={"stops.stiffness": (9e3, 1.1e4)}, folder=tmp_path)
     assert len(list(tmp_path.iterdir())) == 3  # one for each source, so that an interrupt loses one
     assert set(result("largest force").index) == {"rounding", "scheme", "data"}
-    assert "no mesh to refine" in records.answer.notes
+    assert "besides mesh, not known" in records.answer.verdict
     assert dominant(result("largest force")) == "data"
     assert "none for impacts" in records.answer.verdict
     assert records.figure().axes[0].get_xlabel()

@@ -24,7 +24,7 @@ NAMES = ("chaos", "converge", "energy", "ensemble", "modes", "orbits", "rigid", 
 OPTIONS = {  # of a run of seconds
     "chaos": {"schemes": ["HHT(alpha=-0.1)"], "starts": 6},
     "converge": {"integrators": ["BDF2", "SDIRK(gamma=0.4359)"], "halvings": 4, "impacts": 2,
-                 "views": ["order", "work", "impacts", "loss"]},
+                 "views": ["order", "work", "impacts"]},
     "energy": {"schemes": ["HHT(alpha=-0.1)", "BDF2"]},
     "ensemble": {"schemes": ["HHT(alpha=-0.1)"], "members": 4},
     "modes": {"schemes": ["BDF2", "HHT(alpha=-0.1)"], "steps": 4000},

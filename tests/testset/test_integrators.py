@@ -118,15 +118,14 @@ def test_what_breaks_in_a_function_is_a_failure_with_its_reason():
     assert [run.label for run in result.runs] == ["Trapezoidal@matrices"]
 
 
-def test_a_function_that_fails_at_every_step_is_named_in_the_answer():
+def test_a_function_that_fails_at_every_step_is_named_with_its_reason():
     def broken(system, dt, t_end):
         raise ZeroDivisionError("no pivot")
 
     system = sb.System.from_matrices([[2.0]], [[50.0]], observe=[1.0], initial_velocity=[1.0])
     options = {"halvings": 4, "kinds": ["smooth"], "dt": 0.05, "t_end": 2.0}
-    answer = sb.study("converge", system, integrators=["trapezoidal", broken], **options).answer
-    assert "Every run of broken failed" in str(answer)
-    assert "no pivot" in str(answer)
+    records = sb.study("converge", system, integrators=["trapezoidal", broken], **options)
+    assert "lost (4): broken stopped at t = 0: ZeroDivisionError: no pivot" in str(records)
 
 
 @pytest.mark.slow

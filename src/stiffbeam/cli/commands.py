@@ -22,7 +22,7 @@ from ..basics.resources import cores
 from ..basics.storage import make_folder, write_whole
 from ..basics.text import cut, plain
 from ..basics.validation import InputError, file_path, near, positive
-from ..references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
+from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
 
 if TYPE_CHECKING:
     from ..files.cases import Case
@@ -35,7 +35,7 @@ Every command takes --quiet (-q: print nothing but errors and --json).
 Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 interrupted (run again to resume).
 """
 OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
-    "converge": "Orders, work, time, impacts and energy lost of every integrator over the time step.",
+    "converge": "Orders, work, time and impacts of every integrator over the time step.",
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
     "advise": "Cheapest scheme, contact treatment and time step for given errors.",
     "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh and data.",
@@ -94,7 +94,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
                 show("drawing", 0, 0)
                 written = records.save(folder)
         if not write_json(records.name, records.to_dict(), json):
-            say(records.text(shutil.get_terminal_size().columns if sys.stdout.isatty() else 160))
+            say(records.report().text(shutil.get_terminal_size().columns if sys.stdout.isatty() else 160))
             say(f"Written: {', '.join(map(str, written)) or 'nothing'}")
         return 0 if written else 1
 
@@ -193,8 +193,6 @@ class Options:
     ] = None
     form: Form = None
     contact: Annotated[str, Parameter(help="implicit, conserving, or extrapolated as in the paper.")] = "implicit"
-    cache: Annotated[bool, Parameter(help="Store references and use stored ones.")] = True
-    budget: Annotated[float, Parameter(help="Seconds for each reference; one that needs more ends earlier.")] = BUDGET
     rates: Annotated[bool, Parameter(help="Add rates of impacts, impulse and work at every stop.")] = False
 
 
@@ -210,7 +208,6 @@ def compare(
     from ..studies.comparison import CaseComparison
 
     chosen, options = asked_case(case, dt, t_end), options or Options()
-    positive("--budget", options.budget)
     schemes = None if options.schemes is None else split_runs(options.schemes)
     names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
     check_json(json)
@@ -218,7 +215,7 @@ def compare(
         if listed == []:
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
-    result = CaseComparison(chosen, options.form, options.contact, options.budget, options.cache)
+    result = CaseComparison(chosen, options.form, options.contact)
     tell, written = (say if str(json) != "-" else str), list[Path]()
     with progress() as show:
         try:
@@ -246,36 +243,24 @@ def _follow(
     result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
     case: str, folder: Path, written: list[Path],
 ) -> None:  # fmt: skip
-    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference, or the
-    last one where solvers are named among the schemes, so that they have their rows."""
-    from ..measures.report import largest, short, verdict
+    """Print a line of each solution and save it as soon as it is there; the tables follow, also after an interrupt."""
+    from ..measures.report import largest, short
 
-    def tables() -> None:
-        tell(f"\n{result.report()}")
+    try:
+        for solution in result.run(schemes, names):
+            if not written:
+                make_folder(folder)
+                name, title = result.case.name, result.case.title
+                tell(name if title == name else f"{name}  {title}")
+            written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
+            work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
+            tell(f"{short(solution.provenance['method'])}: {largest(solution)} ({work})")
+    finally:
+        if written or result.failures:
+            tell(f"\n{result.report()}")
         if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
             command = f"stiffbeam ensemble {shlex.quote(case)}"
             tell(f"\nStatistics past the horizon, over many runs: {command}")
-
-    told, solvers = 0, set(schemes or ()) & set(REFERENCES)  # failures that are printed
-    for solution in result.run(schemes, names):
-        if not written:
-            make_folder(folder)
-            name, title = result.case.name, result.case.title
-            tell(name if title == name else f"{name}  {title}")
-        written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
-        said = largest(solution)
-        for c in result.comparisons if solution in result.references[1:] else ():
-            said = verdict([c]) if c.label == solution.label else said
-        work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
-        tell(f"{short(solution.provenance['method'])}: {said} ({work})")
-        if len(result.references) == 1 and solution is result.references[0] and not solvers:
-            told = len(result.failures)
-            tables()
-    if solvers and result.references:
-        told = len(result.failures)
-        tables()
-    for kind, label, message in result.failures[told:]:
-        tell(f"{kind}  {short(label)}  {message}")
 
 
 def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) -> Path:
@@ -328,7 +313,7 @@ def reference(
     out
         File to write: .nc with everything, .json or .csv.
     """
-    from ..files.store import can_freeze, freeze
+    from ..files.store import keep
     from ..measures.errors import impact_times
     from ..references import reference, substitute
 
@@ -352,7 +337,7 @@ def reference(
         "digits": solution.provenance.get("digits"), "parameters": solution.provenance.get("parameters"),
     }  # fmt: skip
     if out is not None:
-        record["file"] = str(freeze(solution, out) if can_freeze(solution) else solution.save(out))
+        record["file"] = str(keep(solution, out))
     if not write_json("reference", {"references": [record]}, json):
         shown = {key: value for key, value in record.items() if key != "measured" and value not in ("", None, [])}
         say("  ".join(f"{key}: {value}" for key, value in shown.items()))

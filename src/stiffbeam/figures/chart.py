@@ -49,7 +49,7 @@ EXACT = ("exact", "multiprecision", "reference")  # what stands for the exact mo
 LOOKS = {name: scheme.look for name, scheme in (SCHEMES | RIGID).items()}
 _TAKEN = {(dashes, marker) for _, dashes, marker in LOOKS.values()}
 _FREE = [(d, m) for d in range(len(DASHES)) for m in range(len(MARKERS)) if (d, m) not in _TAKEN]
-_COLOUR_OF: dict[str, int] = {}  # of the other names that this process has drawn
+_OTHERS: dict[str, int] = {}  # number of each other name, as this process has drawn them
 
 
 def look(label: str) -> dict[str, Any]:
@@ -57,8 +57,7 @@ def look(label: str) -> dict[str, Any]:
 
     The exact motion is black. A scheme has its colour by name; other parameters than its default's change
     dashes and marker. The Nyström form of SDIRK-OS is the same scheme and looks the same. Adaptive solvers
-    have muted colours. A user's scheme has a colour chosen by its label, or the next one that no other label has in
-    this process.
+    have muted colours. A user's scheme has the next look that no other label has in this process.
     """
     if label in EXACT:
         return {"color": "black", "linestyle": "-", "marker": "*"}
@@ -80,14 +79,11 @@ def _style(colour: str, dashes: int, marker: int) -> dict[str, Any]:
 
 
 def look_of_name(name: str) -> tuple[int, int, int]:
-    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else by the name's checksum and _COLOUR_OF."""
+    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else the next ones of _OTHERS."""
     if name in LOOKS:
         return LOOKS[name]
-    rest, colour = divmod(crc32(name.encode()), len(OWN))
-    if name not in _COLOUR_OF:
-        free = [c for c in range(len(OWN)) if c not in _COLOUR_OF.values()]
-        _COLOUR_OF[name] = min(free or [colour], key=lambda c: (c - colour) % len(OWN))
-    return len(COLOURS) + _COLOUR_OF[name], *_FREE[rest % len(_FREE)]
+    k = _OTHERS.setdefault(name, len(_OTHERS))
+    return len(COLOURS) + k % len(OWN), *_FREE[8 * k % len(_FREE)]  # dashes and marker both change with k
 
 
 def dashed(i: int) -> Any:
@@ -106,16 +102,16 @@ def new_figure(height: float, title: str = "", width: float = 11.0) -> Figure:
 
     figure = Figure(figsize=(width, height), layout="constrained")
     # IPython learns to draw bare figures only from pyplot, which this package does not load.
-    figure._repr_png_ = partial(png, figure)  # type: ignore[attr-defined]
+    figure._repr_png_ = partial(rendered, figure, "png", 100)  # type: ignore[attr-defined]
     if title:
         figure.suptitle(title)
     return figure
 
 
-def png(figure: Figure) -> bytes:
-    """Return the picture as PNG of 100 dpi, as notebooks show it."""
+def rendered(figure: Figure, kind: str, dpi: int) -> bytes:
+    """The picture as the content of a file."""
     content = BytesIO()
-    figure.savefig(content, format="png", dpi=100)
+    figure.savefig(content, format=kind, dpi=dpi)
     return content.getvalue()
 
 
@@ -213,30 +209,19 @@ def heading(case: Case, text: str) -> str:
     return f"{name}: {text}"
 
 
-def tip_symbol(problem: BeamProblem | None, t: str = "t") -> str:
-    """u(1, t) as in the paper, u(L, t) of a beam that is not of length 1, at L/2 where its end is held, u(t) of
-    matrices."""
-    if problem is None:
-        return f"$u({t})$"
-    end = "1" if problem.length == 1.0 and not problem.units else "L"
-    return f"$u({end}, {t})$" if tip_name(problem) == "tip" else f"$u({end}/2, {t})$"
-
-
 def tip_text(problem: BeamProblem | None, quantity: str = "", t: str = "t") -> str:
-    """Name, quantity and symbol of the observed displacement."""
-    return " ".join(filter(None, [tip_name(problem), quantity, tip_symbol(problem, t)]))
-
-
-def tip_name(problem: BeamProblem | None) -> str:
-    """Name of the observed point: the tip, or the middle of a beam whose end is held; matrices have none."""
-    return "" if problem is None else "tip" if problem.ends[1] == "free" else "mid-span"
+    """Name, quantity and symbol of the observed displacement: u(1, t) as in the paper, u(L, t) of a beam that is not of
+    length 1, mid-span u(L/2, t) where its end is held, u(t) of matrices."""
+    if problem is None:
+        return f"{quantity} $u({t})$".strip()
+    free, end = problem.ends[1] == "free", "1" if problem.length == 1.0 and not problem.units else "L"
+    name, place = ("tip", end) if free else ("mid-span", f"{end}/2")
+    return " ".join(filter(None, [name, quantity, f"$u({place}, {t})$"]))
 
 
 def save_figure(figure: Figure, file: str | Path) -> Path:
     """Write PNG (200 dpi) or SVG by the file's ending."""
-    content = BytesIO()
-    figure.savefig(content, format=Path(file).suffix.removeprefix("."), dpi=200)
-    return write_whole(file, content.getvalue())
+    return write_whole(file, rendered(figure, Path(file).suffix.removeprefix("."), 200))
 
 
 LINE = 118  # letters in a line of a title

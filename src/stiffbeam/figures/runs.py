@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
@@ -11,16 +10,24 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.text import several
 from ..basics.units import Units, with_unit
-from ..basics.validation import InputError
 from ..measures.comparison import Comparison, contact_name
 from ..measures.report import largest, verdict
 from ..model.contact import Stops
 from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import COLOURS, Axes, Figure, look, new_figure, shared_legend, short, tip_symbol, tip_text
-
-TICKS = 6  # of an axis of times: more would run into each other
+from .chart import (
+    COLOURS,
+    Axes,
+    Figure,
+    finish,
+    look,
+    new_figure,
+    say_empty,
+    shared_legend,
+    short,
+    tip_text,
+)
 
 
 def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
@@ -31,11 +38,7 @@ def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
     schemes. The error is the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
     vertical line at a solver's own horizon. title: by default it states how far the runs agree.
     """
-    pairs = [c.pair for c in results if c.pair is not None]
-    if len(pairs) < len(results):
-        rule = "be asked of what compare returned"
-        raise InputError("figure", "a comparison without its runs", rule, "compare again")
-    runs, main = [run for run, _ in pairs], pairs[0][1]
+    runs, main = [c.pair[0] for c in results], results[0].pair[1]
     names = ", ".join(short(run.provenance["method"]) for run in runs)
     title = title or f"{names} against {short(main.provenance['method'])}: {verdict(results)}"
     system = main.system
@@ -43,15 +46,13 @@ def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
     window, contacts = min(main.horizon, float(main.t[-1])), shown_contacts([main, *runs])
     count = 2 + len(contacts) + bool(contacts)
     lines = (count + 1) // 2
-    figure = new_figure(4.1 * lines, title)
+    figure = new_figure(4.1 * lines)
     grid = figure.add_gridspec(lines, 2)
 
     def panel(name: str) -> Axes:
         k = len(figure.axes)
         axis = figure.add_subplot(grid[k // 2, :] if k == count - 1 and k % 2 == 0 else grid[k // 2, k % 2])
-        axis.set_title(f"({ascii_lowercase[k]}) {name}", loc="left")
-        axis.set_xlabel(with_unit(system.units, "time $t$", "time"))
-        axis.locator_params(axis="x", nbins=TICKS)
+        axis.set(title=name, xlabel=with_unit(system.units, "time $t$", "time"))
         return axis
 
     _draw_positions(panel(f"displacement to the horizon t = {window:.3g}"), main, runs, 0.0, window)
@@ -65,6 +66,7 @@ def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
         hardest = max(contacts, key=lambda i: np.nan_to_num(main.contacts[i].peak_force))
         _draw_forces(panel(f"force of {contact_name(system, hardest)} to the horizon"), main, runs, window, hardest)
     shared_legend(figure)
+    finish(figure, title)
     return figure
 
 
@@ -156,11 +158,11 @@ def _draw_errors(
             value = error[max(0, np.searchsorted(t, until, side="right") - 1)]
             axis.plot(until, value, "o", ms=5.0, mfc="white", color=line_of(run)["color"], zorder=30)
         if isinstance(run, Reference) and run.horizon < window:
-            axis.axvline(run.horizon, lw=0.6, zorder=0, **line_of(run))
+            axis.axvline(run.horizon, lw=0.6, zorder=0.9, **line_of(run))
     axis.set(yscale="log", xlim=(0.0, window))
     low, high = axis.get_ylim()
     axis.set_ylim(max(low, 1e-12), min(10.0, high))
-    axis.set_ylabel(f"largest error so far / max |{tip_symbol(main.system and main.system.problem)}|")
+    axis.set_ylabel("largest error so far / max |u|")
     if any(x.matched_until < x.window for x in by_label.values()):
         (dot,) = axis.plot([], [], "o", ms=5.0, mfc="white", color="black")
         axis.legend([dot], ["impacts differ"], frameon=False, fontsize=8.5, loc="lower right")
@@ -213,7 +215,7 @@ def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
     for stop in (stops.lower_bound, stops.upper_bound):
         if np.isfinite(stop):
             line = axis.axhline if horizontal else axis.axvline
-            line(stop, color="0.45", lw=0.9, ls=":", zorder=0)
+            line(stop, color="0.45", lw=0.9, ls=":", zorder=0.9)  # above the grid
 
 
 def run_figure(run: Trajectory) -> Figure:
@@ -222,22 +224,19 @@ def run_figure(run: Trajectory) -> Figure:
     The whole span of the run; of a reference its horizon is marked. The stops are drawn where they act on the tip.
     """
     units, beam, colour = run.units, run.system.problem if run.system else None, line_of(run)["color"]
-    figure = new_figure(7.6, f"{short(run.provenance['method'])}, {run.provenance['form']}: {largest(run)}")
-    tip, force, portrait, energy = axes = figure.subplots(2, 2).ravel()
-    for axis, title in zip(axes, ("(a) displacement", "(b) contact", "(c) phases", "(d) energy"), strict=True):
-        axis.set_title(title, loc="left")
-        axis.locator_params(axis="x", nbins=TICKS)
-        if axis is not portrait:
-            axis.set_xlabel(with_unit(units, "time $t$", "time"))
-            if isinstance(run, Reference) and run.horizon < run.t[-1]:
-                axis.axvline(run.horizon, color="0.4", lw=0.9, ls="--")
-                axis.annotate("horizon", (run.horizon, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -12),
-                              textcoords="offset points", fontsize=8, color="0.3")  # fmt: skip
+    figure = new_figure(7.6)
+    tip, force, portrait, energy = figure.subplots(2, 2).ravel()
+    for axis, title in ((tip, "displacement"), (force, "contact"), (energy, "energy")):
+        axis.set(title=title, xlabel=with_unit(units, "time $t$", "time"))
+        if isinstance(run, Reference) and run.horizon < run.t[-1]:
+            axis.axvline(run.horizon, color="0.4", lw=0.9, ls="--")
+            axis.annotate("horizon", (run.horizon, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -12),
+                          textcoords="offset points", fontsize=8, color="0.3")  # fmt: skip
     tip.plot(run.t, run.tip, color=colour, lw=0.9)
     tip.set_ylabel(tip_label(run.system, units))
     portrait.plot(run.tip, run.tip_velocity, color=colour, lw=0.9)
     velocity = tip_text(beam, "velocity").replace("u(", "u_t(")
-    portrait.set(xlabel=tip_label(run.system, units), ylabel=with_unit(units, velocity, "velocity"))
+    portrait.set(title="phases", xlabel=tip_label(run.system, units), ylabel=with_unit(units, velocity, "velocity"))
     for record in run.contacts:
         if np.array_equal(record.position, run.tip):
             draw_stops(tip, record.stops, horizontal=True)
@@ -249,20 +248,26 @@ def run_figure(run: Trajectory) -> Figure:
     if shown:
         force.legend(frameon=False, fontsize=8.5)
     else:
-        force.text(0.5, 0.5, "no contact", transform=force.transAxes, ha="center", color="0.35")
+        say_empty(force, "no contact")
     label = r"contact force $\sigma$"
     if any(record.stops.rigid for record in run.contacts):
         label += ", without impulses" if isinstance(run, Reference) else ", mean per step"
     force.set_ylabel(with_unit(units, label, "force"))
     energy.set_ylabel(with_unit(units, "energy", "energy"))
-    if not run.has_energy:
-        energy.text(0.5, 0.5, "not saved with the run", transform=energy.transAxes, ha="center", color="0.35")
-        return figure
+    if run.has_energy:
+        _draw_energies(energy, run)
+    else:
+        say_empty(energy, "not saved with the run")
+    finish(figure, f"{short(run.provenance['method'])}, {run.provenance['form']}: {largest(run)}")
+    return figure
+
+
+def _draw_energies(axis: Axes, run: Trajectory) -> None:
+    """The energies of a run, and the work that is not zero."""
     names = ["kinetic", "elastic", "stops", "input", "loss"]
     names += [name for name in ("viscous", "stop_dissipation") if np.any(getattr(run.energy, name))]
     for name, colour in zip(names, (*COLOURS[:3], "0.35", "black", *COLOURS[3:5]), strict=False):
         label = name.replace("stop_dissipation", "taken by stops")
         line = "--" if name in ("viscous", "stop_dissipation") else "-"
-        energy.plot(run.t, getattr(run.energy, name), lw=0.9, ls=line, color=colour, label=label)
-    energy.legend(frameon=False, fontsize=8.5, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.16))
-    return figure
+        axis.plot(run.t, getattr(run.energy, name), lw=0.9, ls=line, color=colour, label=label)
+    axis.legend(frameon=False, fontsize=8.5, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.16))

@@ -20,7 +20,7 @@ from ..model.members import varied_members
 from ..model.problem import BeamProblem
 from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
-from ..schemes import BDF2, HHT, RIGID, SDIRK, Scheme, takes_stops
+from ..schemes import RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
 from .paper import paper_text
 from .reader import Line, Reader, located
@@ -173,9 +173,7 @@ def paper_case(table: int) -> Case:
 
 def find_case(name: str) -> Case:
     """A case by name: ``table1`` .. ``table17``, a TOML file with one case, or ``file.toml:case``."""
-    if not isinstance(name, str):
-        raise InputError("case", name, "be the name of a case", "table1 to table17, or a TOML file")
-    file_path("case", name, "table1 to table17, or a TOML file")
+    name = str(file_path("case", name, "table1 to table17, or a TOML file"))
     head, colon, wanted = name.partition(".toml:")
     file, known = f"{head}.toml" if colon else name, paper_cases()
     # The paper's tables first: no file can stand in their way.
@@ -230,9 +228,9 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     ...     list(sb.load_cases(file))
     ['strip']
     """
-    file = file_path("case file", file, "stiffbeam cases --show table10 prints one")
+    remedy = "stiffbeam cases --show table10 prints one to start from"
+    file = file_path("case file", file, remedy)
     if not file.exists():
-        remedy = "stiffbeam cases --show table10 prints one to start from"
         raise InputError("case file", str(file), "exist", remedy)
     text = regular_text("case file", file, MOST_BYTES, "put samples into a file beside it").replace("\r\n", "\n")
     if DOTTED.search(text):
@@ -252,10 +250,8 @@ def compared(case: Case, form: str) -> list[Scheme]:
     schemes = [scheme for scheme, of_run in case.runs if of_run == form] or [scheme for scheme, _ in case.runs]
     table = paper_cases().get(case.name)
     # A file of the user may have the name of a table: other runs are left as they are.
-    if table is not None and case.runs == table.runs:
-        kinds = {type(scheme) for scheme in schemes}
-        schemes += [x for x in (BDF2(), SDIRK(nystrom=True), HHT()) if type(x) not in kinds]
-    return schemes
+    besides = default_schemes() if table is not None and case.runs == table.runs else []
+    return schemes + [x for x in besides if type(x) not in map(type, schemes)]
 
 
 # ---------------------------------------------------------------- the file's form
@@ -292,10 +288,15 @@ class Entry:
         step_count(positive("dt", self.dt), positive("t_end", self.t_end))
         if self.system is not None and self.cells is not None:
             raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
+        for path, ends in self.uncertain.items():
+            if len(ends) != 2 or not ends[0] < ends[1]:
+                remedy = 'write "stops.stiffness" = [4.5e6, 5.5e6]'
+                raise InputError(f"uncertain.{path}", ends, "be a range of two increasing numbers", remedy)
         case = Case(
             self.name, self.title or self.name, self.problem,
             0 if self.problem is None else integer("cells", self.cells, 4), float(self.dt), float(self.t_end),
-            tuple(self._runs()), self.published, tuple(self.inferred), self._uncertain(), self.system,
+            tuple(self._runs()), self.published, tuple(self.inferred),
+            {path: (float(low), float(high)) for path, (low, high) in self.uncertain.items()}, self.system,
         )  # fmt: skip
         # A path that the case does not have, and an end of a range that no system can have.
         if case.uncertain:
@@ -316,14 +317,6 @@ class Entry:
             if beam is None and written != form:
                 raise InputError("runs", f"@{written}", "be without a form", "it is that of the matrices: leave @ out")
             yield scheme, written
-
-    def _uncertain(self) -> dict[str, tuple[float, float]]:
-        """Ranges by path."""
-        for path, ends in self.uncertain.items():
-            if len(ends) != 2 or not ends[0] < ends[1]:
-                remedy = 'write "stops.stiffness" = [4.5e6, 5.5e6]'
-                raise InputError(f"uncertain.{path}", ends, "be a range of two increasing numbers", remedy)
-        return {path: (float(ends[0]), float(ends[1])) for path, ends in self.uncertain.items()}
 
 
 def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dict[str, Case]:

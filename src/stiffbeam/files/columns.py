@@ -13,7 +13,7 @@ import pandas
 
 from ..basics.arrays import Array
 from ..basics.storage import regular_text
-from ..basics.validation import InputError, near, number, positive
+from ..basics.validation import InputError, number, positive
 
 MOST_BYTES = 1 << 28  # of a file of columns
 TIMES = ("t", "time", "zeit", "temps", "tiempo", "tempo", "seconds")  # names of the times, in small letters
@@ -32,13 +32,11 @@ def read_columns(file: Path, field: str) -> pandas.DataFrame:
     """
     remark, lines, numbers = "", list[str](), list[int]()
     for count, line in enumerate(regular_text(field, file, MOST_BYTES).splitlines(), 1):
-        if not line.strip():
-            continue
         if line.lstrip(' "')[:1] in ("#", "%"):
             remark = remark if lines else line.lstrip(' "#%')
-            continue
-        lines.append(line)
-        numbers.append(count)
+        elif line.strip():
+            lines.append(line)
+            numbers.append(count)
     if not lines:
         remedy = "a line holds a time and a value, as in 0.0, 1.5"
         raise InputError(field, str(file), "hold two or more lines of numbers", remedy)
@@ -156,20 +154,16 @@ def read_samples(
     time = None if dt is not None and not any(bare(x) in TIMES for x in names) else time_of(file, "sampled", table)
     if dt is not None and time is not None:
         raise InputError("dt", dt, f"be left out where {file} has times, {time!r}", "leave it out")
-    named = names and isinstance(names[0], str)
     others = [x for x in names if x != time]
     if column is None:
         if len(others) != 1 or names.count(others[0]) > 1:
-            remedy = f"name one: column = {' or '.join(map(repr, others)) if named else 'a name in a first line'}"
-            raise InputError("sampled", f"{file}: {len(names)} columns", "have two columns, times and values", remedy)
+            named = " or ".join(repr(x) for x in others if isinstance(x, str)) or "a name in a first line"
+            found, rule = f"{file}: {len(names)} columns", "have two columns, times and values"
+            raise InputError("sampled", found, rule, f"name one: column = {named}")
         column = others[0]
-    elif time is not None and column == time:
-        rule = f"be a column of values: that of {file} holds the times"
-        raise InputError("column", column, rule, f"name {' or '.join(map(repr, others)) or 'another column'}")
-    elif not named or column not in names:
-        raise InputError("column", column, f"be a name in the first line of {file}", near(column, map(str, others)))
-    elif names.count(column) > 1:
-        raise InputError("column", column, f"be the name of one column of {file}", "rename the others")
+    elif others.count(column) != 1:
+        remedy = f"the file has {', '.join(map(str, others)) or 'none'}"
+        raise InputError("column", column, f"be the name of one column of values in {file}", remedy)
     values = table[column].to_numpy(float)
     if time is None:
         return number("start", start or 0.0) + positive("dt", dt) * np.arange(len(values)), values

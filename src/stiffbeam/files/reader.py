@@ -18,7 +18,7 @@ from cattrs.gen import make_dict_structure_fn, make_mapping_structure_fn
 from ..basics.arrays import Array
 from ..basics.storage import LARGEST
 from ..basics.units import SI, Units, units_labels
-from ..basics.validation import InputError, exact_float, near
+from ..basics.validation import InputError, exact_float, near, numbers
 from ..model.contact import Contact, Stops
 from ..model.modes import modal_damping
 from ..model.problem import DistributedLoad, Load, PointLoad, PolynomialProfile, Profile
@@ -130,7 +130,7 @@ class Reader:
             System: self._system, RowLoad: self._row_load, Load: self._load,
             Contact: self._contact,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
-            Profile: _polynomial,
+            Profile: lambda x, _: PolynomialProfile(x),
             str | Points: lambda x, _: self.read(x, Points if isinstance(x, dict) else str),
             Stops | Sequence[Stops] | None: lambda x, _: self.read(x, Sequence[Stops]),
             float | Sequence[float]: lambda x, _: self.read(x, list[float] if isinstance(x, list) else float),
@@ -197,7 +197,7 @@ class Reader:
         name = "shape" if "shape" in _kind(value, dict) else "position"
         where = _needed(value, name, "..., or shape = [...]")
         time = self._time(value, None, (name,))
-        return DistributedLoad(_polynomial(where), time) if name == "shape" else PointLoad(where, time)
+        return DistributedLoad(PolynomialProfile(where), time) if name == "shape" else PointLoad(where, time)
 
     def _row_load(self, value: Any, _: Any) -> tuple[Array, TimeFunction]:
         time = self._time(value, None, ("row",))
@@ -219,7 +219,7 @@ class Reader:
     def _matrix(self, value: Any, _: Any = None) -> Any:
         """A matrix; a vector is the diagonal of one."""
         _kind(value, (str, list))
-        matrix = read_matrix(self._beside(value)) if isinstance(value, str) else _array(value)
+        matrix = read_matrix(self._beside(value)) if isinstance(value, str) else numbers("", value, *NUMBERS)
         matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
         self.size = matrix.shape[0]
         return matrix
@@ -229,7 +229,7 @@ class Reader:
             content = read_matrix(self._beside(value))
             return np.asarray(content.toarray() if hasattr(content, "toarray") else content).ravel()
         if isinstance(value, list):
-            return _array(value)
+            return numbers("", value, *NUMBERS)
         # A table of single entries, the others zero.
         if not value:
             raise InputError("", value, "be on an unknown", "for example { 0 = 1.0 }")
@@ -242,6 +242,7 @@ class Reader:
 
 
 SEQUENCES = (list, tuple, Sequence)
+NUMBERS = "be numbers, every row as long as the first", "fill rows with 0"
 
 
 def located(error: Exception, path: str) -> InputError:
@@ -302,14 +303,6 @@ def _line(value: Any, _: Any = None) -> str:
     return value
 
 
-def _polynomial(value: Any, _: Any = None) -> PolynomialProfile:
-    try:
-        return PolynomialProfile(value)
-    except InputError:
-        rule = "be a list of polynomial coefficients, constant first"
-        raise InputError("", value, rule, "for example [0, 0, 1]") from None
-
-
 def _number(value: Any, _: Any = None) -> float:
     """A number with its exact value; a text such as "pi/2" is one."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str, Fraction)):
@@ -318,10 +311,3 @@ def _number(value: Any, _: Any = None) -> float:
         return value if isinstance(value, float) else exact_float(value)
     except (ValueError, ZeroDivisionError):
         raise InputError("", value, "be a number in the range of float64", 'for example 0.001, or "pi/2"') from None
-
-
-def _array(rows: list[Any]) -> Array:
-    try:
-        return np.asarray(rows, float)
-    except (TypeError, ValueError):
-        raise InputError("", rows, "be numbers, every row as long as the first", "fill rows with 0") from None

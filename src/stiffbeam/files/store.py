@@ -55,6 +55,11 @@ def can_freeze(solution: Reference) -> bool:
     return notes["method"] == "multiprecision" and solution.horizon >= float(notes["t_end"])
 
 
+def keep(solution: Reference, file: str | Path) -> Path:
+    """Write a solution to a file: frozen where it can be, any other with its outputs."""
+    return freeze(solution, file) if can_freeze(solution) else solution.save(file)
+
+
 def freeze(solution: Reference, file: str | Path) -> Path:
     """Write a multiprecision ``solution`` to a file that ``load`` reads together with its system: every event time, and
     the state at every second event. Raises InputError where the solution is not confirmed to its end."""
@@ -296,11 +301,7 @@ def cached_reference(
     if "budget" in result.provenance:
         return result  # more seconds reach further
     try:
-        # Confirmed to the end: a file that gives the solution at any time. Others keep their outputs.
-        if can_freeze(result):
-            freeze(result, file)
-        else:
-            result.save(file)
+        keep(result, file)
         TALK.kept = True
         storage.forget(file.parent, "*.nc", MOST)
     except InputError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
-from .report import Report
+from .report import report_of
 
 if TYPE_CHECKING:
     import pandas
@@ -150,18 +150,18 @@ class Tables:
         options: dict[str, Any] = {"index": False, "escape": True, "position": "ht"}
         return "\n".join(
             frame.to_latex(caption=title, column_format="l" + "r" * (len(frame.columns) - 1), **options)
-            for title, frame in Report(self._all).tables
+            for title, frame in report_of(self._all).tables
         )
 
     def figure(self) -> Figure:
-        """The runs beside the reference, a matplotlib Figure. Raises InputError for a comparison without its runs."""
+        """The runs beside the reference, a matplotlib Figure."""
         return DRAW["comparison"](self._all)
 
     def __str__(self) -> str:
-        return str(Report(self._all))
+        return str(report_of(self._all))
 
     def _repr_html_(self) -> str:
-        return Report(self._all).html()
+        return report_of(self._all).html()
 
 
 @dataclass(frozen=True, repr=False)
@@ -180,8 +180,6 @@ class Comparison(Tables):
     window, t_end : float
     tip_error_rms, tip_error_max : float
         Errors u_run - u_ref at the run's steps, over max |u_ref|.
-    tip_error_matched : float
-        The rms up to ``matched_until``.
     matched_until : float
         The time to which the impacts match at all contacts, at most the window. NaN where the run lacks impacts.
     phase : PhaseLag
@@ -211,17 +209,16 @@ class Comparison(Tables):
     t_end: float
     tip_error_rms: float
     tip_error_max: float
-    tip_error_matched: float
     matched_until: float
     phase: PhaseLag
     energy_lost: float
     contacts: tuple[ContactComparison, ...]
     totals_energy_lost: float
-    missing: tuple[str, ...] = ()
-    remark: str = ""
-    error: Array = field(default_factory=lambda: np.zeros(0), compare=False)
-    times: Array = field(default_factory=lambda: np.zeros(0), compare=False)
-    pair: tuple[Trajectory, Reference] | None = field(default=None, compare=False)
+    missing: tuple[str, ...]
+    remark: str
+    error: Array = field(compare=False)
+    times: Array = field(compare=False)
+    pair: tuple[Trajectory, Reference] = field(compare=False)
 
     def tip_error_to(self, time: float) -> float:
         """The rms of ``error`` on [0, time], 0 < time <= window. Raises InputError for any other time."""
@@ -232,8 +229,8 @@ class Comparison(Tables):
 
     def records(self) -> dict[str, Any]:
         """All fields but ``error``, ``times`` and ``pair``, as dictionaries."""
-        records = asdict(replace(self, error=np.zeros(0), times=np.zeros(0), pair=None))
-        return {name: value for name, value in records.items() if name not in ("error", "times", "pair")}
+        held = {each.name: getattr(self, each.name) for each in fields(self) if each.compare}
+        return held | {"phase": asdict(self.phase), "contacts": [asdict(contact) for contact in self.contacts]}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and strings; NaN becomes None, as JSON has none."""
@@ -325,7 +322,6 @@ def _compared(run: Any, reference: Reference) -> Comparison:
     contacts = tuple(_contact(run, reference, system, i, t[:steps], window) for i in range(len(system.contacts)))
     together = min((c.matching.matched_until for c in contacts), default=window)
     unknown = any(contact.impacts.kind == "unknown" for contact in run.contacts)
-    matched = 0 if unknown else min(inside, steps_to(t, together))
     energy = run.energy if run.has_energy else None
     lost = [float("nan") if energy is None else energy.lost_fraction(k - 1) for k in (inside, steps)]
     # The lag is measured while the impacts match; past that, no shift makes the two motions alike.
@@ -338,7 +334,6 @@ def _compared(run: Any, reference: Reference) -> Comparison:
         label=run.label, reference=reference.label, units=system.units, dt=dt, steps=run.work.steps,
         seconds=run.work.seconds, ns_per_step=run.work.ns_per_step,
         window=window, t_end=t_end, tip_error_rms=rms(error, t[:inside]), tip_error_max=float(np.max(np.abs(error))),
-        tip_error_matched=float("nan") if unknown else rms(error[:matched], t[:matched]),
         matched_until=float("nan") if unknown else together, phase=lag, energy_lost=lost[0], contacts=contacts,
         totals_energy_lost=lost[1], missing=tuple(_missing(run, system, contacts)), remark=remark(system, reference),
         pair=(run, reference), error=error, times=t[:inside],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -20,12 +21,13 @@ if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison
 
 DASH = "–"
-EVEN = 1e-6  # of the median step: steps that differ by less are of one length
-WIDTH = 80  # letters of a line of notes
+WIDTH = 100  # letters of a line of text
 
 
 def short(label: str) -> str:
-    """Short name of a method: that of the scheme or of the reference solver; any other label is returned as it is."""
+    """Short name of the method in a label, method@form: that of the scheme or of the reference solver; any other is
+    returned as it is."""
+    label = label.partition("@")[0]
     if label in REFERENCES:
         return REFERENCES[label].label
     return short_label(label).removeprefix("__main__:")
@@ -62,21 +64,25 @@ def largest(run: Trajectory) -> str:
     return ", ".join(facts) or "at rest"
 
 
-def verdict(comparisons: Sequence[Comparison]) -> str:
-    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is.
+def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
+    """The least and the largest of the numbers that are known, each with the short name of its method."""
+    known = sorted((value, short(name)) for name, value in values.items() if np.isfinite(value))
+    if not known:
+        return "not known"
+    (low, first), (high, last) = known[0], known[-1]
+    if written(low) == written(high):
+        return f"{written(low)} ({first if len(known) == 1 else 'all'})"
+    return f"{written(low)} ({first}) to {written(high)} ({last})"
 
-    Of several runs the first and the last to part from the reference are named.
-    """
-    known = [c for c in comparisons if np.isfinite(c.matched_until) and c.contacts]
-    ends = sorted((c.matched_until, method_of(c.label)) for c in known)
-    if not ends:
-        errors = sorted(c.tip_error_rms for c in comparisons)
-        span = " to ".join(dict.fromkeys(percent(error) for error in (errors[0], errors[-1])))
-        return f"tip error {span} rms to t = {comparisons[0].window:.3g}"
-    (first, early), (last, late) = ((f"{t:.3g}", name) for t, name in (ends[0], ends[-1]))
-    if len(ends) == 1:
-        return f"impacts match to t = {first}, tip error {percent(known[0].tip_error_matched)} rms"
-    return f"impacts match to t = {first}" + (f" ({early}) to {last} ({late})" if first != last else " in all runs")
+
+def verdict(comparisons: Sequence[Comparison]) -> str:
+    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is, see
+    ``extremes``."""
+    known = {c.label: c.matched_until for c in comparisons if c.contacts and np.isfinite(c.matched_until)}
+    if not known:
+        errors = extremes({c.label: c.tip_error_rms for c in comparisons}, percent)
+        return f"tip error {errors} rms to t = {comparisons[0].window:.3g}"
+    return f"impacts match to t = {extremes(known, '{:.3g}'.format)}"
 
 
 def common_window(comparisons: Sequence[Comparison]) -> float:
@@ -91,55 +97,67 @@ def common_window(comparisons: Sequence[Comparison]) -> float:
     return min((c.matched_until for c in whole if c.matched_until > c.dt), default=longest)
 
 
+@dataclass(frozen=True)
 class Report:
-    """Tables of comparisons with one reference, to the horizon and of the whole runs: each a title and a DataFrame of
-    texts, with remarks above and notes below them.
+    """Lines, tables with their titles, and notes below them, as text and for a notebook."""
 
-    failures: ("failed" or "refused", label, message) of what could not be compared.
-    """
+    before: Iterable[str]
+    tables: Sequence[tuple[str, Any]]  # (title, pandas.DataFrame), each to its number of rows
+    after: Iterable[str] = ()
 
-    def __init__(
-        self,
-        comparisons: Sequence[Comparison],
-        references: Sequence[Reference] = (),
-        failures: Sequence[tuple[str, str, str]] = (),
-    ) -> None:
-        self.failures = failures
-        self.remarks = dict.fromkeys(c.remark for c in comparisons if c.remark)
-        self.tables, self.notes = list[tuple[str, Any]](), dict[str, None]()
-        if comparisons:
-            self.tables = [_table(comparisons, to_end) for to_end in (False, True)]
-            heads = " ".join(str(head) for _, frame in self.tables for head in frame)
-            self.notes = dict.fromkeys(_notes(comparisons, references, heads))
+    def text(self, width: int | None = None) -> str:
+        """The report in lines of at most ``width`` letters; a wider table is in parts with the same first column."""
+        before, after = (
+            [line if width is None else fill(line, width) for line in lines if line]
+            for lines in (self.before, self.after)
+        )
+        tables = [f"{title}\n{_table_text(frame, width)}\n".lstrip("\n") for title, frame in self.tables if len(frame)]
+        return "\n".join([*before, *tables, *after])
 
     def __str__(self) -> str:
-        """The tables as text: heads of columns in two lines, names to the left."""
-        import pandas
-
-        parts = list(self.remarks)
-        for title, frame in self.tables:
-            heads = [head.split(" ", 1) if " " in head else ["", head] for head in frame]
-            shown = frame.assign(run=frame.run.str.ljust(frame.run.str.len().max()))
-            shown.columns = pandas.MultiIndex.from_tuples(map(tuple, heads))
-            parts.append(f"{title}\n{shown.to_string(index=False)}\n")
-        parts += [fill(note, WIDTH) for note in self.notes]
-        return "\n".join([*parts, *("  ".join(failure) for failure in self.failures)])
+        return self.text(WIDTH)
 
     def html(self) -> str:
-        """The tables for a notebook."""
-        tables = [f"<p><b>{escape(title)}</b></p>{frame.to_html(index=False)}" for title, frame in self.tables]
-        before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines) for lines in (self.remarks, self.notes))
+        """The report for a notebook."""
+        tables = [f"<p><b>{escape(title)}</b></p>" * bool(title) + frame.to_html(index=False, na_rep=DASH)
+                  for title, frame in self.tables if len(frame)]  # fmt: skip
+        before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines if x) for lines in (self.before, self.after))
         return before + "".join(tables) + after
 
 
-def method_of(label: str) -> str:
-    """The short name of the method in a label, which is method@form."""
-    return short(label.partition("@")[0])
+def _table_text(frame: Any, width: int | None) -> str:
+    """Text of a table, its first column to the left; heads of several words are in two lines."""
+    import pandas
+
+    def two_lines(head: str) -> tuple[str, str]:
+        cut = min((i for i, x in enumerate(head) if x == " "), key=lambda i: abs(2 * i - len(head)), default=0)
+        return head[:cut], head[cut:].strip()
+
+    first, *heads = frame.columns
+    rows = frame.set_index(first).fillna(DASH).rename_axis(index=None)
+    rows.columns.name = first
+    if any(" " in head for head in heads):
+        rows.columns = pandas.MultiIndex.from_tuples(map(two_lines, heads), names=("", first))
+    return rows.to_string(line_width=width)
+
+
+def report_of(comparisons: Sequence[Comparison], failures: Sequence[tuple[str, str, str]] = ()) -> Report:
+    """Tables of comparisons with one reference, to the horizon and of the whole runs, with remarks above and notes
+    below them.
+
+    failures: ("failed" or "refused", label, message) of what could not be compared.
+    """
+    remarks, tables, notes = dict.fromkeys(c.remark for c in comparisons), list[tuple[str, Any]](), dict[str, None]()
+    if comparisons:
+        tables = [_table(comparisons, to_end) for to_end in (False, True)]
+        heads = " ".join(str(head) for _, frame in tables for head in frame)
+        notes = dict.fromkeys(_notes(comparisons, heads))
+    return Report(remarks, tables, [*notes, *("  ".join(failure) for failure in failures)])
 
 
 def _names(comparisons: Sequence[Comparison]) -> list[str]:
     """Short names of the runs, whole ones where two are alike."""
-    names = [method_of(c.label) for c in comparisons]
+    names = [short(c.label) for c in comparisons]
     return [c.label.partition("@")[0] if names.count(x) > 1 else x for x, c in zip(names, comparisons, strict=True)]
 
 
@@ -190,20 +208,19 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
         return row | {delay: number(contact.matching.median_delay, 2), "impacts right to": until}
 
     rows = list[dict[str, str]]()
-    lines = [(f"{method_of(first.reference)} (reference)", first, False)]
+    lines = [(f"{short(first.reference)} (reference)", first, False)]
     lines += [(name, c, True) for name, c in zip(_names(comparisons), comparisons, strict=True)]
     for name, c, run in lines:
         if run and to_end and not c.steps:
             continue  # the adaptive solvers end at the horizon
-        own = dict.fromkeys(("impacts", "contact time", force, impulse), "")
-        if len(touched) < 2:
-            own = of_contact(c, run, c.contacts[touched[0]] if touched else None)
-        rows.append({"run": name} | own | (of_run(c) if run else {}))
+        contact = c.contacts[touched[0]] if touched else None
+        alone = of_contact(c, run, contact) if len(touched) < 2 else {}
+        rows.append({"run": name} | alone | (of_run(c) if run else {}))
         for i in touched if len(touched) > 1 else ():
             rows.append({"run": f"  {c.contacts[i].name}"} | of_contact(c, run, c.contacts[i]))
     order = ["run", "ns per step", "tip error", lag, delay, "energy lost", "impacts right to", "impacts",
              "contact time", force, impulse]  # fmt: skip
-    frame: Any = pandas.DataFrame(rows).fillna(DASH)
+    frame: Any = pandas.DataFrame(rows).fillna("")
     kept = [head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]
     return _title(comparisons, to_end), frame[kept]
 
@@ -235,7 +252,7 @@ HEADS = {  # what the heads of columns mean
 ON_RIGID_STOPS = "Impacts: of a scheme one a step at most, of the reference all, beside arrays those of their steps."
 
 
-def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], heads: str) -> Iterator[str]:
+def _notes(comparisons: Sequence[Comparison], heads: str) -> Iterator[str]:
     """The notes without which the tables, with these heads of columns, would be misread."""
     first, common = comparisons[0], common_window(comparisons)
     match = "" if common == first.window else ", where the impacts of all runs still match"
@@ -251,17 +268,13 @@ def _notes(comparisons: Sequence[Comparison], references: Sequence[Reference], h
         yield f"The reference has {events} impacts to t = {first.t_end:g} in all."
     if any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
         yield "Energy lost is – or left out where the time step does not resolve the dissipation of dampers."
-    system = None if first.pair is None else first.pair[1].system
+    system = first.pair[1].system
     if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
         yield "The reference is exact for this mesh; `stiffbeam study space` measures the mesh."
-    for r in references:
-        if "budget" in r.provenance:
-            yield f"{method_of(r.label)} was computed {r.provenance['budget']}, and its tip error is to that time."
-    if any(x.impacts.at_start for c in comparisons if c.pair for x in c.pair[1].contacts):
+    for run in (first.pair[1], *(c.pair[0] for c in comparisons)):
+        if "budget" in run.provenance:
+            yield f"{short(run.label)} was computed {run.provenance['budget']}, and its tip error is to that time."
+    if any(x.impacts.at_start for x in first.pair[1].contacts):
         yield "A contact that begins at t = 0 counts as contact, not as an impact."
     for c in comparisons:
-        name, lengths = c.label.partition("@")[0], np.diff(c.times)
-        if np.ptp(lengths) > EVEN * c.dt:
-            least, most, median = (number(x) for x in (lengths.min(), lengths.max(), c.dt))
-            yield f"{name}: steps of {least} to {most}, {median} in the median."
-        yield from (f"{name}, {reason}." for reason in c.missing)
+        yield from (f"{c.label.partition('@')[0]}, {reason}." for reason in c.missing)

@@ -8,9 +8,8 @@
 With several contacts the largest error counts. Every scheme runs with 2^k n steps, k = 0, 1, ... A time step is sure if
 it, its half and BETWEEN steps between the two all meet the requirements: errors through contact do not decrease
 steadily, and a count or a peak may be right by chance. The result is the cheapest sure run in linear solves (steps
-times stages), which are the cost of a step in any program. All schemes are refined together: a scheme is not run finely
-if a coarse run of another is enough. If no run is sure, the one with the smallest worst error over the wanted one is
-named.
+times stages), which are the cost of a step in any program. If no run is sure, the one with the smallest worst error
+over the wanted one is named.
 
 Past the horizon of the exact motion a single motion has no meaning: the advice is for the time to the horizon. The
 study ``ensemble`` compares distributions past it.
@@ -125,7 +124,8 @@ class Advise(Study):
         chosen = search.cheapest(self._candidates(case, system), most)
         if not search.tried:
             raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
-        remarks.append(f"The search ended {search.ended}.")
+        if search.unfinished:
+            remarks.append(f"Some runs would need more seconds, or more steps than {most}: they may be cheaper.")
         if chosen is not None:
             chosen["kind"] = "advised"
         rows = [*search.tried, *({"kind": "remark", "reason": text} for text in remarks if text)]
@@ -221,19 +221,19 @@ class Search:
     until: float
     want: Mapping[str, float]
     tried: list[Row] = field(default_factory=list)
-    ended: str = ""  # where, and what would find more
+    unfinished: bool = False  # at most_steps, or after its seconds
 
     def probe(self, scheme: Scheme, contact: str, steps: int) -> Row | None:
         """The run with this number of steps; None if the scheme refuses the system."""
         dt = self.t_end / steps
         try:
-            errors, seconds = errors_of(integrate(self.system, scheme, dt, self.t_end, contact), self.exact)
+            errors = errors_of(integrate(self.system, scheme, dt, self.t_end, contact), self.exact)
         except (Diverged, InputError) as error:
             if isinstance(error, InputError) and error.field != "dt":  # else a step at which it is refused
                 return None
-            errors, seconds = dict.fromkeys(QUANTITIES, np.inf), 0.0
+            errors = dict.fromkeys(QUANTITIES, np.inf)
         row: Row = {"kind": "run", "scheme": label_of_run(scheme), "contact": contact, "dt": dt, "steps": steps,
-                    "work": steps * len(scheme.nodes), "seconds": seconds}  # fmt: skip
+                    "work": steps * len(scheme.nodes)}  # fmt: skip
         self.tried.append(row | {f"error_{name}": x for name, x in errors.items()})
         return self.tried[-1]
 
@@ -244,36 +244,28 @@ class Search:
     def cheapest(self, candidates: list[tuple[Scheme, str]], most: int) -> Row | None:
         """The cheapest run that meets the want, None where there is none.
 
-        A candidate is refined from PER_PERIOD steps a period to ``most`` until two numbers of steps in a row meet the
-        want and so do those between them, or until it costs more than the best that does.
+        One candidate after the other, each in its share of the time, is refined from PER_PERIOD steps a period to
+        ``most`` until two numbers of steps in a row meet the want and so do those between them, or until it costs more
+        than the best that does.
         """
-        show, steps = current(), self._coarsest(most)
-        best: Row | None = None
-        alive: list[tuple[Scheme, str, Row | None]] = [(scheme, contact, None) for scheme, contact in candidates]
-        while alive and steps <= most and not self.ended:
-            refined = []
-            for done, (scheme, contact, before) in enumerate(alive):
-                show(f"advise: runs of {steps} steps", done, len(alive))
-                # A run takes twice as long as the one of half the steps.
-                last = 0.0 if before is None else 2.0 * before["seconds"]
-                if clock() + last > self.until and self.tried:
-                    self.ended = f"after its seconds, at {steps} steps: more seconds may find more"
-                    continue
-                good = before if before is not None and self.meets(before) else None
-                # What costs more than the best run that meets the requirements cannot be chosen.
-                if best is not None and (good["work"] if good else steps * len(scheme.nodes)) >= best["work"]:
-                    continue
+        show, begun, best = current(), clock(), None
+        for done, (scheme, contact) in enumerate(candidates, 1):
+            show(f"advise: {label_of_run(scheme)}, {contact}", done - 1, len(candidates))
+            until = begun + (self.until - begun) * done / len(candidates)
+            good, steps = None, self._coarsest(most)
+            # What costs more than the best run that meets the requirements cannot be chosen.
+            while best is None or (good["work"] if good else steps * len(scheme.nodes)) < best["work"]:
+                if steps > most or (clock() > until and self.tried):
+                    self.unfinished = True
+                    break
                 run = self.probe(scheme, contact, steps)
                 if run is None:
-                    continue  # what this scheme or these stops do not take
+                    break  # what this scheme or these stops do not take
                 # Runs between two that meet the requirements may show that this was chance.
                 if good and self.meets(run) and self._confirmed(scheme, good):
                     best = good
-                    continue
-                refined.append((scheme, contact, run))
-            alive, steps = refined, 2 * steps
-        at_most = f"at most_steps = {most}: a larger number may find more"
-        self.ended = self.ended or (at_most if alive else "where every other scheme costs more")
+                    break
+                good, steps = run if self.meets(run) else None, 2 * steps
         return best
 
     def _coarsest(self, most: int) -> int:
@@ -289,14 +281,14 @@ class Search:
         return all(run is None or self.meets(run) for run in runs)
 
 
-def errors_of(run: Trajectory, exact: Reference) -> tuple[dict[str, float], float]:
-    """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts, and seconds."""
+def errors_of(run: Trajectory, exact: Reference) -> dict[str, float]:
+    """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
     pairs = list(zip(run.contacts, exact.contacts, strict=True))
     counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
     errors = {"tip": tip_error(run.tip, exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
     for name in ("peak_force", "impulse"):
         errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
-    return errors, run.work.march_seconds
+    return errors
 
 
 def _relative(value: float, exact: float) -> float:

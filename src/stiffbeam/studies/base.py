@@ -9,13 +9,11 @@ import hashlib
 import json
 import os
 import signal
-import textwrap
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from html import escape
 from itertools import accumulate
 from multiprocessing import current_process
 from pathlib import Path
@@ -33,10 +31,11 @@ from ..basics.storage import make_folder, source_hash, write_whole
 from ..basics.text import plain
 from ..basics.units import with_unit
 from ..basics.validation import InputError, exact_float, integer, one_of, sequence
-from ..figures.chart import Figure, short
+from ..figures.chart import Figure
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, integrators
 from ..measures.errors import Order, first_impacts_end, observed_order
+from ..measures.report import Report, extremes
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import covered
@@ -83,7 +82,7 @@ class Study:
     labels: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     def __init_subclass__(cls) -> None:
-        STUDIES[cls.__name__.lower()] = cls
+        STUDIES[cls.name()] = cls
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -123,6 +122,11 @@ class Study:
         return ()
 
     @classmethod
+    def name(cls) -> str:
+        """Name of the study: that of the class in small letters."""
+        return cls.__name__.lower()
+
+    @classmethod
     def question(cls) -> str:
         """First line of the docstring."""
         return (cls.__doc__ or "").splitlines()[0]
@@ -130,7 +134,7 @@ class Study:
     def require(self, case: Case) -> None:
         """Raise InputError for a case without the stops or the motion that the study needs."""
         if self.needs_stops and not case.has_stops:
-            raise InputError("case", case.name, "have stops", f"{type(self).__name__.lower()} is about contact")
+            raise InputError("case", case.name, "have stops", f"{self.name()} is about contact")
         if self.needs_motion and scales(case.system(), case.t_end).speed == 0.0:
             remedy = "give it a base motion, a load or initial data"
             raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
@@ -158,7 +162,7 @@ class Records:
     @property
     def name(self) -> str:
         """Name of the study."""
-        return type(self.study).__name__.lower()
+        return self.study.name()
 
     @property
     def found(self) -> Table:
@@ -182,40 +186,22 @@ class Records:
             return Answer(NOTHING)
         answer = self.study.answer(self.found, self.case)
         other = substitute(self.case.system(), self.case.t_end) if not self.study.free else ""
-        return answer._replace(notes=" ".join(filter(None, [answer.notes, other, self._failed()])))
+        return answer._replace(notes=f"{answer.notes} {other}".strip())
 
-    def _failed(self) -> str:
-        """A sentence with the methods of which every run has failed."""
-        names = [x for x in ("integrator", "scheme", "method") if x in self.table and "lost" in self.table]
-        if not names:
-            return ""
-        lost = self.table[self.table["lost"].notna()].groupby(names[0], sort=False)["lost"]
-        found = set(self.found.get(names[0], ()))
-        return " ".join(f"Every run of {name} failed: {why.iloc[0]}." for name, why in lost if name not in found)
-
-    def text(self, width: int | None = None) -> str:
-        """Question, answer, table and lost points as text, in lines of ``width`` letters."""
-        answer = self.answer
-        lost = [f"lost ({count}): {reason}" for reason, count in self.lost.items()]
-        before, after = [self.study.question(), answer.verdict], [answer.notes, *lost]
-        if width is not None:
-            before, after = ([textwrap.fill(line, width) for line in lines] for lines in (before, after))
-        return "\n".join(filter(None, [*before, _in_parts(answer.table.fillna("–"), width), *after]))
+    def report(self) -> Report:
+        """Question, answer, table and lost points."""
+        answer, lost = self.answer, [f"lost ({count}): {reason}" for reason, count in self.lost.items()]
+        return Report([self.study.question(), answer.verdict], [("", answer.table)], [answer.notes, *lost])
 
     def __str__(self) -> str:
-        return self.text()
+        return self.report().text()
 
     def __repr__(self) -> str:
         lost = sum(self.lost.values())
         return f"<Records {self.name} of {self.case.name}: {len(self.table)} rows, {lost} lost>"
 
     def _repr_html_(self) -> str:
-        answer = self.answer
-        small = answer.table.to_html(index=False, na_rep="–") if len(answer.table) else ""
-        return f"<p>{escape(answer.verdict)}</p>{small}<p>{escape(answer.notes)}</p>"
-
-    def _repr_png_(self) -> bytes:
-        return self.figure()._repr_png_()  # type: ignore[attr-defined]
+        return self.report().html()
 
     def figure(self) -> Figure:
         """The picture under the answer."""
@@ -266,7 +252,7 @@ def perform(
     study.require(case)
     if jobs is not None:
         integer("jobs", jobs, 1)
-    name = type(study).__name__.lower()
+    name = study.name()
     with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)
         store, until = Store(folder, _key(study, case)), time.time() + getattr(study, "budget", np.inf)
@@ -295,17 +281,6 @@ def perform(
     return Records(study, case, table)
 
 
-def _in_parts(table: Table, width: int | None) -> str:
-    """Text of a table; one that is wider than ``width`` in parts, which all begin with the first column."""
-    parts = [list(table.columns[:1])]
-    for column in table.columns[1:]:
-        text = table[[*parts[-1], column]].to_string(index=False)
-        if width is not None and text.index("\n") > width and len(parts[-1]) > 1:
-            parts.append(parts[0][:1])
-        parts[-1].append(column)
-    return "\n\n".join(table[part].to_string(index=False) for part in parts) if len(table) else ""
-
-
 def _point(study: Study, case: Case, point: Row, store: Store, threads: int, until: float) -> list[Row]:
     """The rows of a point, from the store if it has them. threads: of an ensemble in this process, 0: all. until: the
     time at which the budget is over."""
@@ -318,13 +293,16 @@ def _point(study: Study, case: Case, point: Row, store: Store, threads: int, unt
 
 def _evaluate(study: Study, case: Case, point: Row, until: float) -> list[Row]:
     """The rows of a point; a refusal, a run that overflowed and a solver that failed are a row with ``lost``."""
+    who = "".join(f"{point[x]}: " for x in ("integrator", "scheme", "method") if x in point)
     try:
         over = "not begun within the budget: run it again with the same folder to go on, or with a larger budget"
         rows = study.run(case, **point) if time.time() <= until else {"lost": over}
-    except (InputError, Diverged, SolverFailure) as error:
+    except (Diverged, SolverFailure) as error:  # which name the method
         rows = {"lost": str(error)}
+    except InputError as error:
+        rows = {"lost": f"{who}{error}"}
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        rows = {"lost": f"{type(error).__name__}: {error}"}
+        rows = {"lost": f"{who}{type(error).__name__}: {error}"}
     entries = {name: value for name, value in point.items() if not isinstance(value, (list, tuple, dict))}
     return [entries | row for row in ([rows] if isinstance(rows, dict) else rows)]
 
@@ -447,13 +425,10 @@ def chosen(case: Case, given: Sequence[Any] | None = None) -> dict[str, Integrat
     stands under that name.
     """
     if given is None:
-        stated: dict[str, Scheme] = {}
-        for scheme, _ in case.runs:
-            stated.setdefault(type(scheme).__name__, scheme)
-        rigid = RIGID if case.system().rigid else {}
-        others = {name: make(name) for name in (*SCHEMES, *rigid) if name != "Theta" and name not in stated}
-        every = stated | {name: scheme for name, scheme in others.items() if takes(case, scheme)}
-        given = [every[name] for name in dict.fromkeys((*SCHEMES, *RIGID, *stated)) if name in every]
+        stated = {type(scheme).__name__: scheme for scheme, _ in reversed(case.runs)}
+        known = dict.fromkeys((*SCHEMES, *(RIGID if case.system().rigid else ()), *stated))
+        every = {name: stated.get(name) or make(name) for name in known if name != "Theta" or name in stated}
+        given = [scheme for name, scheme in every.items() if name in stated or takes(case, scheme)]
     each = integrators(sequence("schemes", given, "be integrators", "for example ['HHT(alpha=-0.1)']"))
     for x in each:
         if x.kind == RECORDED:
@@ -473,17 +448,6 @@ def chosen_schemes(case: Case, given: Sequence[Any] | None = None) -> dict[str, 
 def takes(case: Case, scheme: Scheme) -> bool:
     """Return True if ``scheme`` supports the stops of the case."""
     return takes_stops(scheme, (c.stops for c in case.system().contacts))
-
-
-def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
-    """The least and the largest of the numbers that are known, each with the short name of its method."""
-    known = sorted((value, short(name)) for name, value in values.items() if np.isfinite(value))
-    if not known:
-        return "not known"
-    (low, first), (high, last) = known[0], known[-1]
-    if written(low) == written(high):
-        return f"{written(low)} ({first if len(known) == 1 else 'all'})"
-    return f"{written(low)} ({first}) to {written(high)} ({last})"
 
 
 def clear_orders(orders: Mapping[str, Order]) -> str:

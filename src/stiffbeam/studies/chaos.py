@@ -26,6 +26,7 @@ from ..basics.validation import InputError, positive
 from ..figures.chart import Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
+from ..measures.report import extremes
 from ..model.members import off_rigid_stops
 from ..model.modes import undamped_modes
 from ..model.scales import scales
@@ -120,32 +121,27 @@ class Chaos(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The exponents with their intervals, method by method."""
-        means, pairs = exponents(table), f"Fewer than {SURE} pairs could be followed long enough"
-        if not means:
-            return Answer(f"{pairs}.")
-        none = [method for method, known in means.items() if known is None]
-        short_of = [method for method in table.method.unique() if method not in means]
-        unseen = f"No exponential change of the distance is seen for {', '.join(none)}" if none else ""
-        notes = [f"{pairs} for {', '.join(short_of)}."] * bool(short_of)
+        means = exponents(table)
         known = {method: pair for method, pair in means.items() if pair is not None}
+        if not means:
+            return Answer(f"Fewer than {SURE} pairs could be followed long enough.")
         if not known:
             reason = "most pairs do not diverge or approach threefold in the second half of the span"
-            return Answer(f"{unseen}: {reason}.", notes=" ".join(notes))
-        texts = {method: f"{mean:.3g} ± {interval:.2g}" for method, (mean, interval) in known.items()}
-        said, digits = [], ""
-        if "exact" in known:
-            said.append(f"{texts['exact']} for the exact flow")
-            time = unit_of(case.units, "time") or "unit of time"
-            digits = f" The exact motion loses {known['exact'][0] / np.log(10.0):.2g} digits per {time}."
+            return Answer(f"No exponential change of the distance is seen for {', '.join(means)}: {reason}.")
+        cells = {x: "not exponential" if x in means else f"fewer than {SURE} pairs" for x in table.method.unique()}
+        cells |= {method: f"{mean:.3g} ± {interval:.2g}" for method, (mean, interval) in known.items()}
         rates = {method: mean for method, (mean, _) in known.items() if method != "exact"}
-        said += [f"{base.extremes(rates, '{:.3g}'.format)} for schemes"] if rates else []
+        said = [f"{extremes(rates, '{:.3g}'.format)} for schemes"] if rates else []
+        notes = "Means over the starts, ± 95 % by their scatter."
+        if "exact" in known:
+            said.insert(0, f"{cells['exact']} for the exact flow")
+            time = unit_of(case.units, "time") or "unit of time"
+            notes += f" The exact motion loses {known['exact'][0] / np.log(10.0):.2g} digits per {time}."
         rate = with_unit(case.units, "lambda", "rate")
         return Answer(
             f"Neighbouring motions diverge like exp(lambda t), lambda = {', '.join(said)}.",
-            pd.DataFrame({"neighbours diverge like exp(lambda t)": texts.keys(), rate: texts.values()}),
-            " ".join(
-                [f"Means over the starts, ± 95 % by their scatter.{digits}", *[f"{unseen}."] * bool(none), *notes]
-            ),
+            pd.DataFrame({"method": cells.keys(), rate: cells.values()}),
+            notes,
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:

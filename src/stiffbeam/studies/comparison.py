@@ -9,40 +9,34 @@ from typing import Any
 import numpy as np
 
 from ..basics.progress import current
-from ..basics.validation import InputError, one_of, positive, step_count
+from ..basics.validation import InputError, one_of, step_count
 from ..files.cases import Case, compared
 from ..files.store import cached_reference
 from ..integrators import SCHEME, SOLVER, fastest, integrators
 from ..march.treatment import TREATMENTS
 from ..measures.comparison import Comparison, compare
-from ..measures.report import Report
+from ..measures.report import Report, report_of
 from ..model.system import System
-from ..references import reference, substitute
+from ..references import substitute
 from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CaseComparison:
     """A comparison of the runs of a case, see ``run``, and what it has so far.
 
-    form: None for that of the case's first run. budget: CPU seconds that a further reference may take, the main one
-    four times as many; one that would take more ends earlier. cache: store the references, and use stored ones.
-    failures: ("failed" or, of what cannot be asked of the case, "refused", label, message).
+    form: None for that of the case's first run. failures: ("failed" or, of what cannot be asked of the case, "refused",
+    label, message).
     """
 
     case: Case
     form: str | None = None
     contact: str = "implicit"
-    budget: float = BUDGET
-    cache: bool = False
     runs: list[Trajectory] = field(default_factory=list)
     references: list[Reference] = field(default_factory=list)  # the main one first
     comparisons: list[Comparison] = field(default_factory=list)  # one for each run and further reference
     failures: list[tuple[str, str, str]] = field(default_factory=list)
-
-    def __repr__(self) -> str:
-        return f"<CaseComparison {self.case.name}: {len(self.comparisons)} compared, {len(self.failures)} failed>"
 
     def run(
         self, schemes: Sequence[Any] | None = None, references: Sequence[str] | None = None
@@ -61,7 +55,6 @@ class CaseComparison:
         case, show = self.case, current()
         step_count(case.dt, case.t_end)
         one_of("contact", self.contact, TREATMENTS)
-        positive("budget", self.budget)
         form = self.form or (case.runs[0][1] if case.runs else case.forms[0])
         system = case.system(form)
         if references is None:
@@ -82,9 +75,18 @@ class CaseComparison:
                 self._note(label, error)
                 refused.append(error)
         if not self.runs and refused and all(isinstance(x, InputError) and x.field != "dt" for x in refused):
+            self.failures.clear()
             raise refused[0]  # nothing was run: the fault is in the input, not in a scheme
-        methods, main = dict.fromkeys([*references, *(x.source for x in chosen if x.kind == SOLVER)]), None
-        for solution in self._references(system, list(methods)):
+        main: Reference | None = None
+        for method in dict.fromkeys([*references, *(x.source for x in chosen if x.kind == SOLVER)]):
+            try:
+                solution = self._solve(system, method, main)
+            except (InputError, SolverFailure) as error:
+                self._note(f"{method}@{system.form}", error)
+                continue
+            if solution is None:
+                return
+            self.references.append(solution)
             for run in self.runs if main is None else [solution]:
                 show(f"measuring {run.label}", 0, 0)
                 try:
@@ -94,33 +96,20 @@ class CaseComparison:
             main = main or solution
             yield solution
 
-    def _references(self, system: System, methods: Sequence[str]) -> Iterator[Reference]:
-        """Yield the main reference, the first of ``methods`` that can take the system, then the others to its
-        horizon."""
-        main, case, show = None, self.case, current()
-        steps, seconds = round(case.t_end / case.dt), 4.0 * self.budget
-        for method in methods:
-            label = f"{method}@{system.form}"
-            show(label if main is None else f"{label} to the horizon {steps * case.dt:.3g}", 0, 0)
-            # The exact solution takes no longer than reading a file.
-            solve = cached_reference if self.cache and method != "exact" else reference
-            # Stored and adaptive solutions answer at the times they were asked for: the runs' own steps.
-            whole = main is None and method == "exact"
-            times = np.arange(steps + 1) * case.dt
-            t_end = case.t_end if main is None else float(times[-1])
-            try:
-                solution = solve(system, t_end, method, None if whole else times, progress=False, seconds=seconds)
-            except (InputError, SolverFailure) as error:
-                self._note(label, error)
-                continue
-            if main is None:
-                main, seconds = solution, self.budget
-                window = min(float(solution.t[-1]), solution.horizon)
-                steps = int(np.floor(window / case.dt * (1 + 1e-12)))
-            self.references.append(solution)
-            yield solution
+    def _solve(self, system: System, method: str, main: Reference | None) -> Reference | None:
+        """The main reference to the end of the case, or another one to its horizon; None where that is no two steps."""
+        case, steps, label = self.case, round(self.case.t_end / self.case.dt), f"{method}@{system.form}"
+        if main is not None:
+            steps = int(np.floor(min(float(main.t[-1]), main.horizon) / case.dt * (1 + 1e-12)))
+            label += f" to the horizon {steps * case.dt:.3g}"
             if steps < 2:
-                return
+                return None
+        current()(label, 0, 0)
+        times = np.arange(steps + 1) * case.dt
+        # Stored and adaptive solutions answer at the times they were asked for: the runs' own steps.
+        asked = None if main is None and method == "exact" else times
+        end, seconds = (case.t_end, 4.0 * BUDGET) if main is None else (float(times[-1]), BUDGET)
+        return cached_reference(system, end, method, asked, progress=False, seconds=seconds)
 
     def _note(self, label: str, error: Exception) -> None:
         """A run or reference that there is not, and why."""
@@ -129,7 +118,7 @@ class CaseComparison:
 
     def report(self) -> Report:
         """The tables of what has been compared."""
-        return Report(self.comparisons, self.references, self.failures)
+        return report_of(self.comparisons, self.failures)
 
     def to_dict(self) -> dict[str, Any]:
         """Case, comparisons and failures as plain numbers and texts, for JSON."""

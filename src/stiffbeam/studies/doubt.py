@@ -24,7 +24,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -35,7 +34,6 @@ from cyclopts import Parameter
 from ..basics.arrays import Array, Recent
 from ..basics.progress import current
 from ..basics.resources import over
-from ..basics.text import several
 from ..basics.units import with_unit
 from ..basics.validation import InputError, Rng, generator, number
 from ..figures.chart import Figure, style_of
@@ -124,15 +122,15 @@ class Doubt(Study):
         # Of rounding and data the scatter of the members counts, of scheme and mesh their distance from the exact ones.
         scatters, none = source in ("rounding", "data"), source == "rounding" and other is exact
         off = other.tip - (np.median(other.tip, axis=0) if scatters else exact.tip)
-        columns = {"tip": (float(np.max(np.abs(exact.tip))), Column(np.mean, np.sqrt(np.mean(off**2, axis=1))))}
+        distances = np.sqrt(np.mean(off**2, axis=1))
+        samples: dict[str, Any] = {"tip": (float(np.max(np.abs(exact.tip))), distances, np.mean)}
         for name, known in wanted.items():
             if np.all(np.isfinite(known)):
-                column = scatter(values[name]) if scatters else shift(values[name], known)
-                columns[name] = float(np.mean(known)), column
+                sample = values[name] if scatters else values[name] - known
+                samples[name] = float(np.mean(known)), sample, deviation if scatters else np.mean
         rows = list[Row]()
-        for quantity, (mean, column) in columns.items():
-            sample = np.zeros(self.members) if none else column.sample
-            value, low, high = share(replace(column, sample=sample, factors=factors), abs(mean))
+        for quantity, (mean, sample, statistic) in samples.items():
+            value, low, high = share(0.0 * sample if none else sample, abs(mean), statistic, factors)
             rows.append({"quantity": quantity, "mean": mean, "value": value, "low": low, "high": high,
                          "scheme": str(scheme), "horizon": horizon})  # fmt: skip
         return rows
@@ -148,19 +146,17 @@ class Doubt(Study):
             kind = str(quantity).partition(" at contact")[0]
             row = {"95 % intervals": with_unit(case.units, str(quantity), UNITS.get(kind, "")),
                    "mean": f"{rows['mean'].iloc[0]:.4g}", "largest": largest}  # fmt: skip
-            small.append(row | {source: written(*one) for source, one in shares.items()})
-        there = [x for x in SOURCES if x in set(table.source)]
-        first, missing = table.iloc[0], [x for x in SOURCES if x not in there]
+            texts = {source: tuple(map(percent, one)) for source, one in shares.items()}
+            small.append(
+                row | {x: f"{y} ({low} to {high})" if shares[x][2] else "0" for x, (y, low, high) in texts.items()}
+            )
+        there, first = [x for x in SOURCES if x in set(table.source)], table.iloc[0]
+        missing = " and ".join(x for x in SOURCES if x not in there)  # of matrices the mesh, which nothing refines
         notes = f"{first.scheme}, dt = {case.dt:.4g}, {self.members} members to t = {case.t_end:.4g}. Rounding leaves "
         notes += f"the motion certain to t = {first.horizon:.4g}."
-        if case.problem is None:
-            notes += " The error of the mesh is not known: the case has matrices, and no mesh to refine."
-        sources = "; ".join(
-            f"{source} for {quantity}" + (f" and {several(len(others), 'other')}" if others else "")
-            for source, (quantity, *others) in named.items()
-        )
-        besides = f" besides {' and '.join(missing)}, not known" if missing else ""
+        sources = "; ".join(f"{source} for {', '.join(quantities)}" for source, quantities in named.items())
         table = pd.DataFrame(small)[["95 % intervals", "mean", "largest", *there]]
+        besides = f" besides {missing}, not known" * bool(missing)
         return Answer(f"Largest source of uncertainty{besides}: {sources}.", table, notes)
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
@@ -177,11 +173,6 @@ class Doubt(Study):
         axis.set(xscale="log", xlabel="relative uncertainty, 95 % intervals", ylim=(len(quantities) - 0.5, -0.5))
         axis.grid(axis="x", alpha=0.3)
         axis.legend(frameon=False, ncols=len(sources), loc="lower center", bbox_to_anchor=(0.5, 1.0))
-
-
-def written(value: float, low: float, high: float) -> str:
-    """A relative uncertainty with its interval."""
-    return f"{percent(value)} ({percent(low)} to {percent(high)})" if high else "0"
 
 
 # ---------------------------------------------------------------- members
@@ -236,49 +227,36 @@ _EXACT = Recent[tuple[Ensemble, dict[str, Array]]](1)  # the exact members, whic
 # ---------------------------------------------------------------- intervals and the largest source
 
 
-@dataclass(frozen=True)
-class Column:
-    """A statistic and the members (M,) of which it is one; factors: of its size, and of the ends of its bracket."""
-
-    statistic: Callable[..., Array]  # of the values along an axis
-    sample: Array
-    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+def deviation(sample: Array, axis: int = -1) -> Array:
+    """Standard deviation of a sample."""
+    return np.std(sample, axis=axis, ddof=1)
 
 
-def shift(values: Array, wanted: Array) -> Column:
-    """The column of mean(values - wanted), member by member."""
-    return Column(np.mean, np.asarray(values, float) - np.asarray(wanted, float))
-
-
-def scatter(values: Array) -> Column:
-    """The column of the deviation of values."""
-    return Column(partial(np.std, ddof=1), np.asarray(values, float))
-
-
-def interval(column: Column) -> tuple[float, float]:
-    """Ends of the 95 % BCa interval of the statistic. A sample whose values are all equal has an interval without
-    width."""
-    if np.ptp(column.sample) == 0.0:
-        return float(column.statistic(column.sample)), float(column.statistic(column.sample))
+def interval(sample: Array, statistic: Callable[..., Array] = np.mean) -> tuple[float, float]:
+    """Ends of the 95 % BCa interval of a statistic of the members (M,)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of a sample with all resamples on one side of the estimate
-        found = scipy.stats.bootstrap((column.sample,), column.statistic, n_resamples=RESAMPLES, rng=1)
+        found = scipy.stats.bootstrap((sample,), statistic, n_resamples=RESAMPLES, rng=1)
     low, high = map(float, found.confidence_interval)
     # All resamples on one side of the estimate have no BCa interval: all of them then.
     ends = found.bootstrap_distribution
     return (low, high) if np.isfinite(low) and np.isfinite(high) else (float(np.min(ends)), float(np.max(ends)))
 
 
-def share(column: Column, scale: float) -> tuple[float, float, float]:
-    """|statistic|/scale, and the ends of its interval."""
-    low, high = interval(column)
+def share(
+    sample: Array,
+    scale: float,
+    statistic: Callable[..., Array] = np.mean,
+    factors: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> tuple[float, float, float]:
+    """|statistic|/scale, and the ends of its interval; factors: of the value, and of the ends of its bracket."""
+    low, high = interval(sample, statistic)
     # The interval of |statistic|, which begins at 0 where that of the statistic contains 0.
     low, high = (low, high) if low > 0.0 else (-high, -low) if high < 0.0 else (0.0, abs(max(-low, high)))
-    low, high = column.factors[1] * low, column.factors[2] * high
+    low, high = factors[1] * low, factors[2] * high
     if scale == 0.0:
         return (np.inf, np.inf if low else 0.0, np.inf) if high else (0.0, 0.0, 0.0)
-    size = column.factors[0] * abs(float(column.statistic(column.sample)))
-    return size / scale, low / scale, high / scale
+    return factors[0] * abs(float(statistic(sample))) / scale, low / scale, high / scale
 
 
 def largest_of(shares: Mapping[str, tuple[float, float, float]]) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import pandas as pd
 from ..figures.chart import Axes, Figure, lines, name_lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.report import DASH, percent
+from ..measures.report import DASH, extremes, percent
 from ..trajectory.trajectory import Trajectory
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -58,7 +58,7 @@ class Energy(Study):
             run = integrate(system, made, case.dt, case.t_end, self.contact, every)
             keep = np.arange(len(run.energy.t))
         ledger, names = run.energy, ("t", "kinetic", "elastic", "stops", "energy", "input", "supplied", "viscous")
-        table = pd.DataFrame({name: getattr(ledger, name)[keep] for name in (*names, "spread", "loss")})
+        table = pd.DataFrame({name: getattr(ledger, name)[keep] for name in (*names, "loss")})
         table["sure"] = [bool(ledger.is_resolved(int(k))) for k in keep]
         table["lost_fraction"] = [float(ledger.lost_fraction(int(k))) for k in keep]
         table["lost_in_contact"] = np.where(table.sure, ledger.loss_in_contact[keep], np.nan)
@@ -73,29 +73,23 @@ class Energy(Study):
             for row in last[last.scheme == "exact"].itertuples()
         ]
         schemes = last[(last.scheme != "exact") & (last.form == table.form.iloc[0])]
-        resolved, small, known = schemes[schemes.sure], list[Row](), bool(schemes.sure.all())
+        resolved, unknown = schemes[schemes.sure], not schemes.sure.all()
         lost = resolved.set_index("scheme").lost_fraction.dropna().to_dict()
         shares = (resolved.lost_in_contact / resolved.loss.where(resolved.loss != 0.0)).set_axis(resolved.scheme)
-        for row in schemes.itertuples():
-            loss = f"{row.loss:.2g} in all"  # on balance nothing was put in
-            if not row.sure:
-                loss = " ± ".join(percent(x / (row.supplied or np.nan)) for x in (row.loss, row.spread))
-            elif row.scheme in lost:
-                loss = percent(row.lost_fraction)
-            part = f"{100 * shares[row.scheme]:z.0f} %" if row.sure else DASH
-            small.append({"scheme": row.scheme, "energy lost": loss, "of it in contact": part})
+        small = pd.DataFrame({
+            "scheme": schemes.scheme, "energy lost": schemes.scheme.map(lost).map(percent),
+            "of it in contact": schemes.scheme.map(shares).map(percent),
+        })  # fmt: skip
         end = f"{(schemes if len(schemes) else last).t.max():g}"
-        verdict = (
-            f"Schemes lose {base.extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none."
-        )
-        if not lost and not known:
-            verdict = f"The steps do not resolve the work of dampers to t = {end}: losses are known to the ± only."
+        verdict = f"Schemes lose {extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none."
+        if not lost and unknown:
+            verdict = f"The steps do not resolve the work of dampers to t = {end}, and losses are not known."
         notes = (
             "Supplied: initial energy plus the most work of the loads. Single runs. The energy balance of the exact "
+            f"flow closes to {', '.join(closed) or DASH}."
         )
-        notes += f"flow closes to {', '.join(closed) or DASH}."
-        notes += "" if known else " ±: the difference of two rules for the work of dampers; smaller steps reduce it."
-        return Answer(verdict, pd.DataFrame(small), notes + REGAINED * bool((shares > 1.005).any()))
+        notes += f" {DASH}: the steps do not resolve the work of dampers." * unknown
+        return Answer(verdict, small, notes + REGAINED * bool((shares > 1.005).any()))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Above: energy lost over time. Below: for each form the shares of the supplied energy lost at the end."""

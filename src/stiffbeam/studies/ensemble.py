@@ -8,19 +8,20 @@ beyond which half of the time in contact is spent.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from scipy.stats import t as student
+from scipy.stats import ttest_ind
 
 from ..basics.arrays import Array
 from ..basics.units import with_unit
 from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
-from ..measures.report import DASH, percent
+from ..measures.report import DASH, extremes, percent
 from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
@@ -127,7 +128,7 @@ class Ensemble(Study):
                 line[with_unit(units, "median duration", "time")] = f"{row['median']:.2g}"
                 line[with_unit(units, "half-time duration", "time")] = f"{row['half_time']:.2g}"
             small.append(line)
-        counted = f"; schemes count {base.extremes(means, '{:.4g}'.format)} at dt = {case.dt:g}" if means else ""
+        counted = f"; schemes count {extremes(means, '{:.4g}'.format)} at dt = {case.dt:g}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
         share = percent(float(np.mean(distribution(table[table.method == "exact"], "fraction"))))
         return Answer(
@@ -203,15 +204,12 @@ def distribution(rows: Table, quantity: str) -> Array:
 def difference(a: Array, b: Array) -> tuple[float, float]:
     """Mean of a minus mean of b, and the half-width of its 95 % interval: Welch's, by Student's t."""
     off = float(np.mean(a) - np.mean(b))
-    if min(len(a), len(b)) < 2:
-        return off, float("nan")
-    of_means = [np.var(x, ddof=1) / len(x) for x in (a, b)]
-    variance = sum(of_means)
-    if not variance:
+    if min(len(a), len(b)) > 1 and np.ptp(a) == np.ptp(b) == 0.0:
         return off, 0.0
-    # By hand: SciPy warns where one of the samples has no spread.
-    freedom = 1.0 / sum((v / variance) ** 2 / (len(x) - 1) for v, x in zip(of_means, (a, b), strict=True))
-    return off, float(student.ppf(0.975, freedom) * np.sqrt(variance))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a sample without spread, or of one value
+        ends = ttest_ind(a, b, equal_var=False).confidence_interval()
+    return off, 0.5 * float(ends.high - ends.low)
 
 
 def _spread(values: Array, digits: int = 3) -> str:

@@ -15,6 +15,7 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors
 from ..measures.frequencies import without_contact
+from ..measures.report import extremes, number, percent
 from ..model.modes import modes, undamped_modes
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -84,31 +85,20 @@ class Modes(Study):
             )
         first = measured.groupby("scheme", sort=False).first()
 
-        def late(value: float) -> str:
-            return "0 %" if abs(value) < ROUNDING else f"{100.0 * value:.2g} %"
-
-        def damped(value: float) -> str:
-            return "0" if abs(value) < ROUNDING else f"{value:.1e}"
-
+        late, damped = (first[name].where(first[name].abs() > ROUNDING, 0.0) for name, *_ in QUANTITIES)
         small = pd.DataFrame({
-            f"mode {first['mode'].iloc[0]:g}": first.index, "late": first.period_elongation.map(late).to_numpy(),
-            "damping ratio": first.damping_ratio.map(damped).to_numpy(),
+            f"mode {first['mode'].iloc[0]:g}": first.index, "late": late.map(percent).to_numpy(),
+            "damping ratio": damped.map(number).to_numpy(),
         })  # fmt: skip
         off = [float(np.nanmax(_distances(measured, name))) for name, *_ in QUANTITIES]
-        notes, left = list[str](), len(table) - len(measured)
-        if left:
-            notes.append(f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period.")
-        for label, scheme in base.chosen_schemes(case, self.schemes).items():
-            limit = amplification(scheme, STEPS).stable_to
-            if np.isfinite(limit):
-                limit = max(limit, amplification(scheme, limit + STEPS[0] * np.linspace(0.01, 1.0, 100)).stable_to)
-                notes.append(f"{short(label)} is stable to dt/T = {limit:.4f}.")
+        left = len(table) - len(measured)
+        notes = f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period."
         return Answer(
-            f"Mode {measured['mode'].iloc[0]:g} is late by {base.extremes(first.period_elongation.to_dict(), late)}, "
-            f"with a damping ratio of {base.extremes(first.damping_ratio.to_dict(), damped)}. In all modes runs "
+            f"Mode {measured['mode'].iloc[0]:g} is late by {extremes(late.to_dict(), percent)}, "
+            f"with a damping ratio of {extremes(damped.to_dict(), number)}. In all modes runs "
             f"differ from theory by at most {off[0]:.1g} in the period and {off[1]:.1g} in the damping ratio.",
             small,
-            " ".join(notes),
+            notes if left else "",
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
@@ -128,9 +118,6 @@ class Modes(Study):
             log_scale(lower)
             lower.set(title="distance of runs from theory", xlabel=across, ylabel="|run - theory|")
         shared_legend(figure, axes=list(axes[0]))
-
-
-STEPS = np.linspace(0.005, 1.0, 200)  # dt/T at which stability is tested
 
 
 def _distances(table: Table, name: str) -> Array:

@@ -39,6 +39,7 @@ LEAST = 1e-5  # of the range: a shorter step ends a branch
 FOLD = 0.1  # distance of a multiplier from 1 at the end of a branch that turns back
 TOLD = 4  # changes of stability in the verdict
 COLOUR = {"stable": "#0072B2", "marginal": "#7F7F7F", "unstable": "#D55E00"}
+FAILURES = (SolverFailure, InputError, ArithmeticError, np.linalg.LinAlgError)  # of the search for an orbit
 MARKER = {"flip": "D", "torus": "o", "branching": "^", "grazing": "|"}
 
 Maker = Callable[[float], tuple[System, float]]  # system and period of the orbit at a value
@@ -157,19 +158,18 @@ def _starts(make: Maker, values: Sequence[float]) -> Iterator[tuple[float, Orbit
     """Values and orbits at which a branch may start, or the reason why there is none."""
     for value in values:
         system, period = make(value)
-        try:
-            # The transient dies out first; then several states of the motion serve as starts.
-            mapping, n = PeriodMap(system, period), system.size
-            z = np.concatenate([system.q0, system.v0])
-            for i in range(STARTS):
-                z = mapping.ahead(z, AGAIN if i else SETTLE)
-                try:
-                    found: Orbit | str = periodic_orbit(system, period, (z[:n], z[n:]))
-                except SolverFailure as failure:
-                    found = failure.reason
-                yield value, found
-        except (SolverFailure, ArithmeticError, np.linalg.LinAlgError) as failure:
-            yield value, getattr(failure, "reason", str(failure))
+        mapping, n, z = PeriodMap(system, period), system.size, np.concatenate([system.q0, system.v0])
+        # The transient dies out first; then several states of the motion serve as starts.
+        for periods in (SETTLE, *[AGAIN] * (STARTS - 1)):
+            try:
+                z = mapping.ahead(z, periods)
+                yield value, periodic_orbit(system, period, (z[:n], z[n:]))
+            except FAILURES as failure:
+                yield value, _reason(failure)
+
+
+def _reason(failure: Exception) -> str:
+    return getattr(failure, "reason", str(failure))
 
 
 def follow(make: Maker, values: Sequence[float], orbit: Orbit) -> tuple[Branch, str]:
@@ -182,10 +182,10 @@ def follow(make: Maker, values: Sequence[float], orbit: Orbit) -> tuple[Branch, 
             value = target if abs(target - ahead) < least else ahead
             try:
                 found = _next(make, branch, value)
-            except (SolverFailure, InputError, ArithmeticError, np.linalg.LinAlgError) as failure:
+            except FAILURES as failure:
                 step *= 0.5
                 if abs(step) < least:
-                    return branch, _end(branch, getattr(failure, "reason", str(failure)))
+                    return branch, _end(branch, _reason(failure))
                 continue
             branch.append((value, found))
             step = np.copysign(min(2.0 * abs(step), abs(target - value)), step)

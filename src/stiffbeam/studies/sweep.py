@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from ..basics.arrays import Array, content
+from ..basics.arrays import Array
 from ..basics.units import unit_of, with_unit
 from ..basics.validation import InputError, number
 from ..figures.chart import Axes, Figure, dashed, log_scale, look, tip_text
@@ -28,9 +28,8 @@ from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
 from ..model.members import paths_of, value_at, with_values
 from ..model.modes import modes
-from ..model.problem import PointLoad
 from ..model.system import System
-from ..model.time_functions import Drive, Harmonic, covered
+from ..model.time_functions import Drive, covered
 from ..references import substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.solution import refuse
@@ -113,12 +112,14 @@ class Sweep(Study):
         """Rows of every value of this point; a value that is refused gives a row with the reason."""
         system, scheme = case.system(self.form), scheme_of(case, self.method or point["method"])
         rows: list[Row] = []
-        groups: dict[tuple[Any, ...], list[tuple[Row, Setup]]] = {}
+        groups: dict[tuple[float, float], list[tuple[Row, Setup]]] = {}
         for value in values:
             named: Row = {self.parameter: value}
             try:
                 setup = setup_of(system, self.parameter, value, point["dt"], point.get("t_end"))
-                groups.setdefault(setup.kind, []).append((named | ({"dt": setup.dt} if scheme else {}), setup))
+                groups.setdefault((setup.dt, setup.period), []).append(
+                    (named | ({"dt": setup.dt} if scheme else {}), setup)
+                )
             except InputError as error:
                 rows.append(named | {"lost": str(error)})
         for group in groups.values():
@@ -130,7 +131,7 @@ class Sweep(Study):
         return rows
 
     def _march(self, point: Row, scheme: Scheme | None, setups: list[Setup]) -> Ensemble:
-        """Setups of one kind, with the tip at every period."""
+        """Setups of one step and period, with the tip at every period."""
         first, systems = setups[0], [setup.system for setup in setups]
         t = first.period * np.arange(point["transient"] + point["periods"] + 1)
         end, since = float(t[-1]), float(t[point["transient"]])
@@ -299,13 +300,6 @@ class Setup:
     dt: float
     period: float
 
-    @property
-    def kind(self) -> tuple[Any, ...]:
-        """Key that is equal for setups that can run together."""
-        system = self.system
-        arrays = system.mass, system.stiffness, system.damping, *(contact.row for contact in system.contacts)
-        return self.dt, self.period, *map(content, arrays)
-
 
 def values_of(parameter: str, values: Sequence[float] | None, count: int, period: float | None) -> list[float]:
     """The values of a parameter, by default ``count`` drive frequencies from 0.7 to 1.3 of the case's."""
@@ -351,26 +345,18 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
         return None
 
 
-LABELS = {  # text and quantity on an axis
-    "frequency": ("drive frequency $a$", "frequency"), "amplitude": ("drive amplitude $E$", ""),
-    "clearance": ("clearance $g$", "length"), "stiffness": ("bending stiffness", "bending stiffness"),
-    "viscosity": ("viscosity", "bending viscosity"), "stops.stiffness": (r"stop stiffness $\kappa$", "stop stiffness"),
-    "stops.damping": ("stop damping", "stop damping"), "stops.dissipation": ("stop dissipation", "stop dissipation"),
+QUANTITIES = {  # of parameters, by their path without numbers or by its last name
+    "stiffness": "bending stiffness", "viscosity": "bending viscosity", "stops.stiffness": "stop stiffness",
+    "stops.damping": "stop damping", "stops.dissipation": "stop dissipation", "frequency": "frequency",
+    "clearance": "length", "lower": "length", "upper": "length", "position": "length", "base.amplitude": "length",
+    "stops.motion.amplitude": "length",
 }  # fmt: skip
-LENGTHS = ("lower", "upper", "position")
 
 
 def named(case: Case, path: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
     plain = re.sub(r"\[\d+\]", "", path).removeprefix("contacts.")  # of any contact
-    first, last = plain.partition(".")[0], plain.rpartition(".")[2]
-    text, quantity = LABELS.get(plain, ("", "frequency" if last == "frequency" else ""))
-    if last in LENGTHS or (last == "amplitude" and first in ("stops", "base")):
-        quantity = "length"
-    elif last == "amplitude" and case.problem is not None:
-        point = {isinstance(load, PointLoad) for load in case.problem.loads if isinstance(load.time, Harmonic)}
-        quantity = "force" if point == {True} else "force per length" if point == {False} else ""
-        quantity = "length" if first == "amplitude" and case.problem.base is not None else quantity
-    elif quantity.startswith("stop") and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
+    quantity = QUANTITIES.get(plain) or QUANTITIES.get(plain.rpartition(".")[2], "")
+    if quantity.startswith("stop") and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
         quantity = ""  # a force per length to the exponent
-    return with_unit(case.units, text if path == plain and text else path, quantity)
+    return with_unit(case.units, path, quantity)

@@ -1,4 +1,4 @@
-"""The score: errors and orders of integrators on the problems with known answers, and one flag with its reason."""
+"""The score: errors and orders of integrators on problems with known answers, one flag with its reason."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 
 from ..basics.arrays import Array
 from ..basics.progress import Show, working
 from ..basics.storage import write_whole
 from ..basics.text import plain, several
 from ..basics.validation import InputError, sequence
+from ..figures import chart
+from ..figures.chart import Figure
 from ..files.columns import TIMES, bare, read_columns, time_of
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
 from ..measures.errors import Order, observed_order
-from ..measures.report import short
-from ..model.contact import channel_motion
+from ..measures.report import DASH, Report, short
 from ..references.registry import BEST
 from ..schemes import RIGID, SCHEMES
 from ..trajectory.records import ContactRecord
@@ -30,7 +32,6 @@ from .problem import problems as all_problems
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.figure import Figure
 
 DEFAULT = (*SCHEMES, *RIGID, *BEST)  # a solver of each kind; others by name
 TOLERANCES = (1e-4, 1e-6, 1e-8)
@@ -170,50 +171,61 @@ class Scorecard:
     def _cell(self, name: str, of: Problem) -> str:
         entry = self.entry(name, of.name)
         if entry.outcome in (FAILED, NOT_TAKEN):
-            return {FAILED: FAILED, NOT_TAKEN: "–"}[entry.outcome]
+            return FAILED if entry.outcome == FAILED else DASH
         return _number(entry.best["tip_error"]) + (" !" if entry.flagged else "")
 
-    def notes(self) -> list[str]:
-        """The head of the errors, and every reason, once for all problems and integrators that share it."""
+    def report(self) -> Report:
+        """The summary, the table, and every reason, once for all problems and integrators that share it."""
+        import pandas
+
+        who = self.integrators[0] if len(self.integrators) == 1 else f"test set {self.version}"
         head = "Errors are those of the finest run; of the tip the rms over its largest displacement."
-        lines = [head if len(self.integrators) == 1 else f"Tip error of the finest run. !: see below. –: {NOT_TAKEN}."]
-        alike: dict[tuple[str, ...], list[Entry]] = {}  # by integrator, outcome and reason
-        for e in sorted(self.entries, key=lambda e: not e.flagged):
-            reason = e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason
-            alike.setdefault((e.integrator, e.outcome, reason), []).append(e)
-        together: dict[tuple[str, ...], list[Entry]] = {}  # by outcome, reason and problems
-        for (_, outcome, reason), those in alike.items():
-            if reason:
-                together.setdefault((outcome, reason, *(e.problem.name for e in those)), []).append(those[0])
-        for (outcome, _, *names), those in together.items():
-            who = ", ".join(short(e.integrator) for e in those)
-            lines.append(f"{who} on {', '.join(names)}: {outcome}, {those[0].reason}")
-        return lines
+        if len(self.integrators) > 1:
+            head = f"Tip error of the finest run. !: see below. {DASH}: {NOT_TAKEN}."
+        rows: Any = pandas.DataFrame(
+            [(short(e.integrator), e.problem.name, e.outcome, e.reason,
+              e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason)
+             for e in sorted(self.entries, key=lambda e: not e.flagged) if e.reason],
+            columns=["who", "on", "outcome", "reason", "alike"],
+        )  # fmt: skip
+        for name, other in (("on", "who"), ("who", "on")):
+            groups = rows.groupby([other, "outcome", "alike"], sort=False, as_index=False)
+            rows = groups.agg({name: ", ".join, "reason": "first"})
+        notes = [f"{x.who} on {x.on}: {x.outcome}, {x.reason}" for x in rows.itertuples()]
+        return Report([f"{who}: {self.summary()}"], [("", self.table())], [head, *notes])
 
     def __repr__(self) -> str:
         counts = several(len(self.integrators), "integrator"), several(len(self.problems), "problem")
         return f"<Scorecard: {', '.join(counts)}, {len(self.flagged)} flagged>"
 
     def __str__(self) -> str:
-        who = f"{self.integrators[0]}: " if len(self.integrators) == 1 else f"test set {self.version}: "
-        return "\n".join([who + self.summary(), self.table().to_string(index=False), *self.notes()])
+        return self.report().text()
 
     def _repr_html_(self) -> str:
-        from html import escape
-
-        notes = "".join(f"<p>{escape(line)}</p>" for line in [self.summary(), *self.notes()])
-        return self.table().to_html(index=False) + notes
+        return self.report().html()
 
     def figure(self, problem: str) -> Figure:
-        """Motion of a problem, and the errors of tip and impact times over the cost."""
-        from ..figures.scores import score_picture
-
-        return score_picture([e for e in self.entries if e.problem.name == problem])
+        """Errors of tip and impact times on a problem over the cost."""
+        entries = [e for e in self.entries if e.problem.name == problem]
+        figure = chart.new_figure(3.6, entries[0].problem.title)
+        left, right = figure.subplots(1, 2)
+        for e in (e for e in entries if e.runs):
+            for axis, column in ((left, "tip_error"), (right, "impact_time_error")):
+                errors = np.maximum([abs(run[column]) for run in e.runs], 1e-16)
+                style = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
+                axis.plot([run["cost"] for run in e.runs], errors, **style, label=short(e.integrator))
+        for axis, label in ((left, "rms error of u over max |u|"), (right, "largest error of impact times")):
+            axis.set(xlabel="stages, or right-hand sides", ylabel=label)
+            if any(np.any(np.isfinite(np.asarray(line.get_ydata(), float))) for line in axis.lines):
+                chart.log_scale(axis)
+            else:
+                chart.say_empty(axis, "no impact times are known")
+        chart.mark_order(left, [-2.0], y=0.95)  # errors fall to the right: above them is room
+        chart.shared_legend(figure, 6)
+        return figure
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write score.txt, score.csv, score.json and a picture of each problem that an integrator has run."""
-        from ..figures.chart import save_figure
-
         folder = Path(folder)
         texts = {
             "score.txt": f"{self}\n", "score.csv": self.to_dataframe().to_csv(index=False),
@@ -221,7 +233,7 @@ class Scorecard:
         }  # fmt: skip
         written = [write_whole(folder / name, text) for name, text in texts.items()]
         run = dict.fromkeys(e.problem.name for e in self.entries if e.runs)
-        return written + [save_figure(self.figure(name), folder / f"{name}.png") for name in run]
+        return written + [chart.save_figure(self.figure(name), folder / f"{name}.png") for name in run]
 
 
 def _number(x: float) -> str:
@@ -308,9 +320,7 @@ def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], lab
         those = [_of_problem(chosen, run_of(run, chosen.system, label)) for run in runs]
     except Diverged as error:
         raise InputError("the run", str(error), "be finite", "end the run before it overflows") from None
-    those.sort(key=lambda run: len(run.t))
-    rows = tuple({"level": len(run.t) - 1, "cost": len(run.t) - 1} | errors_of(chosen, run) for run in those)
-    return Scorecard((verdict(Entry(label, chosen, rows, False), float("nan")),))
+    return score([those], chosen)
 
 
 def _of_problem(each: Problem, run: Trajectory) -> Trajectory:
@@ -502,8 +512,6 @@ def _rate(run: Trajectory) -> Array | None:
 
 def _at(times: Array, t: Array, u: Array, v: Array | None = None) -> Array:
     """u at the sample times: the run's own values where it has these times, else by cubics."""
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline
-
     nearest = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
     nearest -= np.abs(t[nearest - 1] - times) < np.abs(t[nearest] - times)
     if np.all(np.abs(t[nearest] - times) <= 1e-9 * times[-1]):
@@ -531,8 +539,6 @@ def _peak_between(run: Trajectory, record: ContactRecord) -> float:
 
     The largest at the steps alone is less by up to (w dt)^2/8.
     """
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
-
     t, u, v = run.t, record.position, record.velocity if _rate(run) is not None else None
     spline = CubicSpline(t, u) if v is None else CubicHermiteSpline(t, u, v)
     force = np.abs(record.stops.force(u, record.velocity))
@@ -553,11 +559,7 @@ def _energy(problem: Problem, run: Trajectory) -> float:
         return NAN
     last = int(np.argmin(np.abs(run.t - problem.t_end)))
     q, v = (x[last] for x in run.states)
-    energy = float(sum(system.free_energies(q, v)))
-    for contact in () if problem.rigid else system.contacts:
-        stops, (u, rate) = contact.stops, channel_motion(contact.row, None, 0.0, q, v)
-        if stops.state(u, rate):  # the energy of a damped stop that has let go is dissipated
-            energy += float(stops.energy(u))
+    energy = float(sum(system.free_energies(q, v) if problem.rigid else system.energies(run.t[last], q, v)))
     return (energy - problem.answers["energy"].value) / problem.answers["energy_scale"].value
 
 
