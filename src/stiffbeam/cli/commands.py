@@ -22,7 +22,7 @@ from ..basics.resources import cores
 from ..basics.storage import make_folder, write_whole
 from ..basics.text import cut, plain
 from ..basics.validation import InputError, file_path, near, positive
-from ..references.registry import ADAPTIVE, BEST, MULTIPRECISION, REFERENCES
+from ..references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
 
 if TYPE_CHECKING:
     from ..files.cases import Case
@@ -35,7 +35,7 @@ Every command takes --quiet (-q: print nothing but errors and --json).
 Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 interrupted (run again to resume).
 """
 OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
-    "converge": "Orders, work, time and impacts of every integrator over the time step.",
+    "converge": "Orders, work, time, impacts and energy lost of every integrator over the time step.",
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
     "advise": "Cheapest scheme, contact treatment and time step for given errors.",
     "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh and data.",
@@ -193,6 +193,9 @@ class Options:
     ] = None
     form: Form = None
     contact: Annotated[str, Parameter(help="implicit, conserving, or extrapolated as in the paper.")] = "implicit"
+    budget: Annotated[float, Parameter(help="CPU seconds of each reference; one that needs more ends earlier.")] = (
+        BUDGET
+    )
     rates: Annotated[bool, Parameter(help="Add rates of impacts, impulse and work at every stop.")] = False
 
 
@@ -208,6 +211,7 @@ def compare(
     from ..studies.comparison import CaseComparison
 
     chosen, options = asked_case(case, dt, t_end), options or Options()
+    positive("--budget", options.budget)
     schemes = None if options.schemes is None else split_runs(options.schemes)
     names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
     check_json(json)
@@ -215,7 +219,7 @@ def compare(
         if listed == []:
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
     folder = out if out is not None else default_folder(chosen.name)
-    result = CaseComparison(chosen, options.form, options.contact)
+    result = CaseComparison(chosen, options.form, options.contact, options.budget)
     tell, written = (say if str(json) != "-" else str), list[Path]()
     with progress() as show:
         try:
@@ -243,8 +247,18 @@ def _follow(
     result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
     case: str, folder: Path, written: list[Path],
 ) -> None:  # fmt: skip
-    """Print a line of each solution and save it as soon as it is there; the tables follow, also after an interrupt."""
-    from ..measures.report import largest, short
+    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference, or the
+    last one where solvers are named among the schemes, so that they have their rows."""
+    from ..measures.report import largest, short, verdict
+
+    told, solvers = -1, set(schemes or ()) & set(REFERENCES)  # failures that the tables have told
+
+    def tables() -> int:
+        tell(f"\n{result.report()}")
+        if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
+            command = f"stiffbeam ensemble {shlex.quote(case)}"
+            tell(f"\nStatistics past the horizon, over many runs: {command}")
+        return len(result.failures)
 
     try:
         for solution in result.run(schemes, names):
@@ -253,14 +267,16 @@ def _follow(
                 name, title = result.case.name, result.case.title
                 tell(name if title == name else f"{name}  {title}")
             written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
+            compared = [c for c in result.comparisons if c.label == solution.label and solution in result.references]
+            said = verdict(compared) if compared else largest(solution)
             work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
-            tell(f"{short(solution.provenance['method'])}: {largest(solution)} ({work})")
+            tell(f"{short(solution.provenance['method'])}: {said} ({work})")
+            if solution in result.references[:1] and not solvers:
+                told = tables()
     finally:
-        if written or result.failures:
-            tell(f"\n{result.report()}")
-        if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
-            command = f"stiffbeam ensemble {shlex.quote(case)}"
-            tell(f"\nStatistics past the horizon, over many runs: {command}")
+        told = tables() if told < 0 and (written or result.failures) else told
+        for kind, label, message in result.failures[max(told, 0) :]:
+            tell(f"{kind}  {short(label)}  {message}")
 
 
 def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) -> Path:

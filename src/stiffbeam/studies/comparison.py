@@ -26,13 +26,15 @@ from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajecto
 class CaseComparison:
     """A comparison of the runs of a case, see ``run``, and what it has so far.
 
-    form: None for that of the case's first run. failures: ("failed" or, of what cannot be asked of the case, "refused",
+    form: None for that of the case's first run. budget: CPU seconds of each reference, which ends earlier where it needs
+    more. failures: ("failed" or, of what cannot be asked of the case, "refused",
     label, message).
     """
 
     case: Case
     form: str | None = None
     contact: str = "implicit"
+    budget: float = BUDGET
     runs: list[Trajectory] = field(default_factory=list)
     references: list[Reference] = field(default_factory=list)  # the main one first
     comparisons: list[Comparison] = field(default_factory=list)  # one for each run and further reference
@@ -108,8 +110,8 @@ class CaseComparison:
         times = np.arange(steps + 1) * case.dt
         # Stored and adaptive solutions answer at the times they were asked for: the runs' own steps.
         asked = None if main is None and method == "exact" else times
-        end, seconds = (case.t_end, 4.0 * BUDGET) if main is None else (float(times[-1]), BUDGET)
-        return cached_reference(system, end, method, asked, progress=False, seconds=seconds)
+        end = case.t_end if main is None else float(times[-1])
+        return cached_reference(system, end, method, asked, progress=False, seconds=self.budget)
 
     def _note(self, label: str, error: Exception) -> None:
         """A run or reference that there is not, and why."""

@@ -1,4 +1,4 @@
-"""Every integrator at every resolution: error, work, time and impacts are columns of one table.
+"""Every integrator at every resolution: error, work, time, impacts and energy lost are columns of one table.
 
 A row enters an observed order only if the motion is resolved, the error is above rounding, and (in contact) every
 impact in the window matches one of the exact motion. Through contact errors vary irregularly with the step: the worst
@@ -19,7 +19,7 @@ from ..files.cases import Case
 from ..integrators import SCHEME, SOLVER, Integrator, fastest
 from ..measures.errors import Order, matched_until, observed_order, tip_error
 from ..measures.frequencies import smooth_motion, smooth_period
-from ..measures.report import DASH
+from ..measures.report import DASH, percent
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
@@ -46,6 +46,7 @@ VIEWS = {  # x, y, title
     "time": ("seconds", "tip_error", "error over time"),
     "impacts": ("dt", "impacts", "impacts to the horizon"),
     "matched": ("dt", "matched_until", "exact impacts followed"),
+    "loss": ("dt", "energy_lost", "numerical dissipation"),
 }
 
 
@@ -69,7 +70,7 @@ class Converge(Study):
         "comma-separated schemes, solvers and functions module:function; default: all schemes, cvode, ida, kvaerno5",
     )
     views: base.Labels = option(
-        ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched", known=VIEWS
+        ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched, loss", known=VIEWS
     )
     kinds: base.Labels = option((SMOOTH, CONTACT), "smooth, contact, or both", known=(SMOOTH, CONTACT))
     halvings: int = option(10, "number of time steps dt, dt/2, dt/4, ...", least=1)
@@ -84,6 +85,7 @@ class Converge(Study):
         "dt": (r"time step $\Delta t$", "time"), "tip_error": ("tip error, rms, relative", ""),
         "solves": ("linear solves, evaluations or steps", ""), "seconds": ("seconds of stepping", ""),
         "impacts": ("impacts counted", ""), "matched_until": ("exact impacts followed to $t$", "time"),
+        "energy_lost": ("share of the energy supplied", ""),
     }  # fmt: skip
 
     @property
@@ -159,6 +161,8 @@ class Converge(Study):
         row["left_out"] = _left_out(case, system, exact, run, kind == CONTACT, dt, steps, error.rms)
         if kind == CONTACT:
             row |= self._followed(case, one, exact, dt)
+        if "loss" in (self.views or ()) and one.kind == SCHEME:
+            row["energy_lost"] = float(run.energy.lost_fraction())
         return row
 
     def _followed(self, case: Case, one: Integrator, exact: Reference, dt: float) -> Row:
@@ -195,6 +199,9 @@ class Converge(Study):
         work = {x: f"{'at most ' if met[x] else ''}{float(f'{cost:.3g}'):.0f} {unit[x]}" for x, cost in costs.items()}
         columns[f"work for {ERROR:g}"] = work
         columns["impacts right from dt"] = {x: f"{dt:.2g}" if np.isfinite(dt) else DASH for x, dt in right.items()}
+        if "energy_lost" in at:
+            lost = at[at.energy_lost.notna()].groupby("integrator").energy_lost.first()
+            columns["energy lost at dt"] = lost.map(percent).to_dict()
         small = pd.DataFrame({name: column for name, column in columns.items() if column})
         verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
         counted = [x for x in costs if unit[x] != STEPS]
@@ -207,6 +214,8 @@ class Converge(Study):
             notes += " Steps: a function whose Trajectory has no work.counters, not comparable with the others."
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
+        if any(name not in columns.get("energy lost at dt", {}) for name in by_integrator.groups):
+            notes += " Energy lost: only of states, and where dt resolves the dissipation of dampers."
         return Answer(verdict.strip(), small, notes)
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:

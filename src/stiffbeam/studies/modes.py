@@ -21,6 +21,7 @@ from . import base
 from .base import Answer, Row, Study, Table, option
 
 ROUNDING = 1e-12
+STEPS = np.linspace(0.005, 1.0, 200)  # dt/T at which stability is tested
 QUANTITIES = (  # with the size below which the axis is linear
     ("period_elongation", "relative period elongation", 1e-11),
     ("damping_ratio", "damping ratio", 1e-10),
@@ -91,14 +92,20 @@ class Modes(Study):
             "damping ratio": damped.map(number).to_numpy(),
         })  # fmt: skip
         off = [float(np.nanmax(_distances(measured, name))) for name, *_ in QUANTITIES]
-        left = len(table) - len(measured)
-        notes = f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period."
+        notes, left = list[str](), len(table) - len(measured)
+        if left:
+            notes.append(f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period.")
+        for label, scheme in base.chosen_schemes(case, self.schemes).items():
+            limit = amplification(scheme, STEPS).stable_to
+            if np.isfinite(limit):
+                limit = max(limit, amplification(scheme, limit + STEPS[0] * np.linspace(0.01, 1.0, 100)).stable_to)
+                notes.append(f"{short(label)} is stable to dt/T = {limit:.4f}.")
         return Answer(
             f"Mode {measured['mode'].iloc[0]:g} is late by {extremes(late.to_dict(), percent)}, "
             f"with a damping ratio of {extremes(damped.to_dict(), number)}. In all modes runs "
             f"differ from theory by at most {off[0]:.1g} in the period and {off[1]:.1g} in the damping ratio.",
             small,
-            notes if left else "",
+            " ".join(notes),
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
@@ -116,7 +123,7 @@ class Modes(Study):
             signed_log(upper, threshold)
             upper.set(title=f"{words}: markers runs, lines theory", xlabel=across, ylabel=words)
             log_scale(lower)
-            lower.set(title="distance of runs from theory", xlabel=across, ylabel="|run - theory|")
+            lower.set(title=f"{words}: distance of runs from theory", xlabel=across, ylabel="|run - theory|")
         shared_legend(figure, axes=list(axes[0]))
 
 

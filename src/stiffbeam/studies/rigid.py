@@ -58,7 +58,9 @@ class Rigid(Study):
             remedy = "their limit is known without motion"
             raise InputError("stops", "moving ones", "be at rest for rigid stops", remedy)
         if system.damped:
-            raise InputError("damping", "a matrix that is not 0", "be 0 for rigid stops", "leave it out here")
+            names = [x for x in ("viscosity", "mass_damping", "modal_damping") if np.any(getattr(case.problem, x, 0.0))]
+            value = getattr(case.problem, names[0]) if names else "a matrix that is not 0"
+            raise InputError(" and ".join(names) or "damping", value, "be 0 for rigid stops", "leave it out here")
         return [{"factor": float(factor)} for factor in self.factors or ()]
 
     def run(self, case: Case, factor: float) -> Row:

@@ -28,8 +28,9 @@ from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
 from ..model.members import paths_of, value_at, with_values
 from ..model.modes import modes
+from ..model.problem import PointLoad
 from ..model.system import System
-from ..model.time_functions import Drive, covered
+from ..model.time_functions import Drive, Harmonic, covered
 from ..references import substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.solution import refuse
@@ -122,13 +123,17 @@ class Sweep(Study):
                 )
             except InputError as error:
                 rows.append(named | {"lost": str(error)})
-        for group in groups.values():
-            try:
-                many = self._march(point, scheme, [setup for _, setup in group])
-                rows += [row for i, (named, _) in enumerate(group) for row in _rows(point, named, many, i)]
-            except (InputError, SolverFailure) as error:
-                rows += [named | {"lost": str(error)} for named, _ in group]
-        return rows
+        return rows + [row for group in groups.values() for row in self._together(point, scheme, group)]
+
+    def _together(self, point: Row, scheme: Scheme | None, group: list[tuple[Row, Setup]]) -> list[Row]:
+        """Rows of values that march together; where one fails, of each by itself."""
+        try:
+            many = self._march(point, scheme, [setup for _, setup in group])
+            return [row for i, (named, _) in enumerate(group) for row in _rows(point, named, many, i)]
+        except (InputError, SolverFailure) as error:
+            if len(group) > 1:
+                return [row for one in group for row in self._together(point, scheme, [one])]
+            return [group[0][0] | {"lost": str(error)}]
 
     def _march(self, point: Row, scheme: Scheme | None, setups: list[Setup]) -> Ensemble:
         """Setups of one step and period, with the tip at every period."""
@@ -357,6 +362,9 @@ def named(case: Case, path: str) -> str:
     """A parameter on an axis, with its unit where it has one."""
     plain = re.sub(r"\[\d+\]", "", path).removeprefix("contacts.")  # of any contact
     quantity = QUANTITIES.get(plain) or QUANTITIES.get(plain.rpartition(".")[2], "")
+    if plain.startswith("loads") and plain.endswith("amplitude") and case.problem is not None:
+        point = {isinstance(load, PointLoad) for load in case.problem.loads if isinstance(load.time, Harmonic)}
+        quantity = "force" if point == {True} else "force per length" if point == {False} else ""
     if quantity.startswith("stop") and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
         quantity = ""  # a force per length to the exponent
     return with_unit(case.units, path, quantity)
