@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -511,7 +511,7 @@ def moved(c: Array, s: ArrayLike) -> Array:
 
 # ---------------------------------------------------------------- all those of a system as numbers
 
-Term = tuple[Array, LoadFunction]
+Term = tuple[Array, LoadFunction | None]
 
 
 @dataclass(frozen=True)
@@ -576,17 +576,23 @@ class Drive:
 
     def offsets(self, system: System) -> tuple[Array, list[Term]]:
         """The channel offsets o_c(t) as ``split``: basis (d, channels)."""
-        units = np.eye(len(system.channels))
-        terms = [(units[c], o) for c, (_, o) in enumerate(system.channels) if o is not None]
-        return self.split(terms, len(system.channels))
+        channels = system.channels
+        return self.split(zip(np.eye(len(channels)), (o for _, o in channels), strict=True), len(channels))
 
-    def recorded(self, rest: Iterable[Term], width: int) -> Array:
-        """The rest of ``split`` as amplitudes of the records, (R, width). Raises InputError for a term that is none."""
-        amplitudes = np.zeros((len(self.records), width))
-        for vector, function in rest:
-            require_closed_form([function], "a closed form")
-            amplitudes[self.records.index(function)] += vector  # type: ignore[arg-type]
-        return amplitudes
+    def amplitudes(self, terms: Iterable[Term], width: int, called: Sequence[Any] = ()) -> Array:
+        """Amplitudes of g(t), of the records, and of the functions ``called``, in a sum of terms: (.., width).
+
+        Raises InputError for a term that is none of these.
+        """
+        basis, rest = self.split(terms, width)
+        others = [*self.records, *called]
+        amplitudes = np.zeros((len(others), width))
+        for vector, f in rest:  # records are equal by their numbers, other functions only themselves
+            at = [k for k, x in enumerate(others) if x is f or (isinstance(x, Sampled) and x == f)]
+            if not at:
+                require_closed_form([f], "a closed form")
+            amplitudes[at[0]] += vector
+        return np.concatenate([basis, amplitudes])
 
     @cached_property
     def edges(self) -> Array:
