@@ -325,7 +325,7 @@ def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
         sides = [(i, side, sign) for i in range(len(stops)) for side, sign in (("lower", -1.0), ("upper", 1.0))]
         there = [(f"stops[{i}].{side}", sign) for i, side, sign in sides if getattr(stops[i], side) is not None]
         return [(keys, sign) for place, sign in there for keys, _ in _keys_of(root, place)]
-    keys = tuple(int(index) if index else name for name, index in _KEY.findall(path))
+    keys: tuple[Any, ...] = tuple(int(index) if index else name for name, index in _KEY.findall(path))
     # findall skips what it cannot read. Such a path does not read back as it was.
     if not keys or _text(keys) != path:
         raise LookupError(path)
@@ -334,8 +334,8 @@ def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
     if keys[0] != "stops":
         return [(keys if beam else (AS_GIVEN.get(keys[0], keys[0]), *keys[1:]), 1.0)]
     # The stops of one contact or of all, where the problem or the system keeps them.
-    indexed = isinstance(keys[1] if len(keys) > 1 else None, int)
-    each, rest = ([keys[1]], keys[2:]) if indexed else (list(range(len(stops))), keys[1:])
+    index = [key for key in keys[1:2] if isinstance(key, int)]
+    each, rest = index or list(range(len(stops))), keys[1 + len(index) :]
     if not each or max(each) >= len(stops):
         raise LookupError(path)
     one = beam and isinstance(root.stops, Stops)

@@ -20,7 +20,7 @@ from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import THROUGH, Equations, function_address
 from .beam import velocity_curvature_matrices
 from .contact import Law, channel_motion, channel_position, damps, laws, pressure
-from .time_functions import Drive, breakpoints_of, evaluate, in_closed_form, parts_of, require_closed_form
+from .time_functions import Drive, breakpoints_of, evaluate, in_closed_form, leaves, require_closed_form
 
 if TYPE_CHECKING:
     from .system import System
@@ -102,8 +102,7 @@ class RightHandSide:
         pushes = on_velocities(np.array([divide(row) for row in rows]).reshape(rows.shape))
         # Functions of time: amplitudes of those in closed form, then of those that Python has to call.
         drive = Drive.of(system)
-        leaves = (f for function in system.time_functions for f in parts_of(function))
-        called = list({id(f): f for f in leaves if not in_closed_form(f)}.values())
+        called = list({id(f): f for f in leaves(*system.time_functions) if not in_closed_form(f)}.values())
         loads = drive.amplitudes([(on_velocities(divide(p)), f) for p, f in system.loads], n, called)
         power = drive.amplitudes([(on_velocities(p), f) for p, f in system.loads], n, called)
         offsets = drive.amplitudes(zip(np.eye(m), (c.offset for c in contacts), strict=True), m, called)
@@ -412,8 +411,7 @@ class ODE:
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a load or an offset is not smooth."""
-        times = {t for function in self.system.time_functions for t in breakpoints_of(function).tolist()}
-        return tuple(sorted(times))
+        return tuple(breakpoints_of(*self.system.time_functions).tolist())
 
     @cached_property
     def cfunc(self) -> tuple[int, int]:

@@ -356,11 +356,8 @@ class System(Frozen):
 
     def load(self, t: ArrayLike) -> Array:
         """sum_k p_k f_k(t); shape t.shape + (n,)."""
-        t = np.asarray(t, float)
-        total = np.zeros((*t.shape, self.size))
-        for vector, function in self.loads:
-            total += evaluate(function, t)[..., None] * vector
-        return total
+        forces = (np.multiply.outer(evaluate(function, t), vector) for vector, function in self.loads)
+        return sum(forces, np.zeros((*np.shape(t), self.size)))
 
     def positions(self, t: ArrayLike, q: Array) -> Array:
         """row q + o(t) of every channel; q of shape t.shape + (n,) gives t.shape + (channels,)."""

@@ -366,23 +366,23 @@ def parts(function: LoadFunction | None) -> tuple[tuple[float, LoadFunction], ..
     return () if function is None else ((1.0, function),)
 
 
-def parts_of(function: LoadFunction | None) -> tuple[LoadFunction, ...]:
-    """The functions of ``parts`` without their factors."""
-    return tuple(f for _, f in parts(function))
+def leaves(*functions: LoadFunction | None) -> list[LoadFunction]:
+    """The functions of ``parts`` of all these, without their factors."""
+    return [leaf for function in functions for _, leaf in parts(function)]
 
 
-def in_closed_form(function: LoadFunction | None) -> bool:
-    """Return True if the function is made of Harmonic, Constant and Sampled, whose numbers can be hashed and saved."""
-    return all(isinstance(part, KNOWN) for part in parts_of(function))
+def in_closed_form(*functions: LoadFunction | None) -> bool:
+    """Return True if they are made of Harmonic, Constant and Sampled, whose numbers can be hashed and saved."""
+    return all(isinstance(leaf, KNOWN) for leaf in leaves(*functions))
 
 
 def require_closed_form(
     functions: Iterable[LoadFunction | None], what: str, remedy: str = "use the adaptive solver cvode"
 ) -> None:
     """Raise InputError for a function that is not made of Harmonic, Constant and Sampled; what: needs such ones."""
-    for part in (part for function in functions for part in parts_of(function)):
-        if not isinstance(part, KNOWN):
-            raise InputError("time function", part, f"be made of Harmonic, Constant and Sampled for {what}", remedy)
+    for leaf in leaves(*functions):
+        if not isinstance(leaf, KNOWN):
+            raise InputError("time function", leaf, f"be made of Harmonic, Constant and Sampled for {what}", remedy)
 
 
 def derivative(function: TimeFunction, order: int) -> LoadFunction:
@@ -405,10 +405,9 @@ def derivative(function: TimeFunction, order: int) -> LoadFunction:
 
 def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
     """Raise InputError unless every Sampled among the functions has samples from 0 to ``t_end``."""
-    for function in functions:
-        for part in parts_of(function):
-            if isinstance(part, Sampled):
-                part.covers(0.0, t_end)
+    for leaf in leaves(*functions):
+        if isinstance(leaf, Sampled):
+            leaf.covers(0.0, t_end)
 
 
 def time_function(field: str, function: Any, moves: bool = False) -> Any:
@@ -458,15 +457,15 @@ def description(function: LoadFunction | None) -> str:
     return f"callable {_PROCESS} {id(function)}"
 
 
-def breakpoints_of(function: LoadFunction | None) -> Array:
-    """Times where a function of time is not smooth: samples of records, and what the attribute ``breakpoints`` of other
+def breakpoints_of(*functions: LoadFunction | None) -> Array:
+    """Times where one of these is not smooth: samples of records, and what the attribute ``breakpoints`` of other
     functions states, which a bare callable can carry too: ``f.breakpoints = (0.5, 0.502)``."""
     times = [np.zeros(0)]
-    for part in parts_of(function):
-        if isinstance(part, Derivative):
-            times.append(breakpoints_of(part.function))
+    for leaf in leaves(*functions):
+        if isinstance(leaf, Derivative):
+            times.append(breakpoints_of(leaf.function))
         else:
-            stated = part.t if isinstance(part, Sampled) else getattr(part, "breakpoints", None)
+            stated = leaf.t if isinstance(leaf, Sampled) else getattr(leaf, "breakpoints", None)
             times.append(times_of("breakpoints", () if stated is None else stated))
     return np.unique(np.concatenate(times))
 
@@ -511,7 +510,7 @@ def moved(c: Array, s: ArrayLike) -> Array:
 
 # ---------------------------------------------------------------- all those of a system as numbers
 
-Term = tuple[Array, LoadFunction | None]
+Term = tuple[Array, LoadFunction]
 
 
 @dataclass(frozen=True)
@@ -530,10 +529,10 @@ class Drive:
         """The drive of all loads and all stop motions of ``system``; made once, since a system cannot change."""
         if "_drive" in vars(system):
             return vars(system)["_drive"]
-        leaves = [leaf for function in system.time_functions for leaf in parts_of(function)]
+        terms = leaves(*system.time_functions)
         # Frequencies are distinguished by their exact values, see the docstring of the class.
-        frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}
-        records = dict.fromkeys(f for f in leaves if isinstance(f, Sampled))
+        frequencies = {exact_value(f.frequency): f.frequency for f in terms if isinstance(f, Harmonic)}
+        records = dict.fromkeys(f for f in terms if isinstance(f, Sampled))
         return vars(system).setdefault("_drive", cls(tuple(sorted(frequencies.values())), tuple(records)))
 
     @property
@@ -556,7 +555,7 @@ class Drive:
             D[k, k + 1], D[k + 1, k] = frequency, -frequency
         return D
 
-    def split(self, terms: Iterable[Term], width: int) -> tuple[Array, list[Term]]:
+    def split(self, terms: Iterable[tuple[Array, LoadFunction | None]], width: int) -> tuple[Array, list[Term]]:
         """sum_k p_k f_k(t) = g(t) @ basis + sum over the rest; basis is (d, width).
 
         A Superposition is taken term by term. The rest are the terms that are neither Harmonic nor Constant.
@@ -579,7 +578,9 @@ class Drive:
         channels = system.channels
         return self.split(zip(np.eye(len(channels)), (o for _, o in channels), strict=True), len(channels))
 
-    def amplitudes(self, terms: Iterable[Term], width: int, called: Sequence[Any] = ()) -> Array:
+    def amplitudes(
+        self, terms: Iterable[tuple[Array, LoadFunction | None]], width: int, called: Sequence[Any] = ()
+    ) -> Array:
         """Amplitudes of g(t), of the records, and of the functions ``called``, in a sum of terms: (.., width).
 
         Raises InputError for a term that is none of these.

@@ -69,7 +69,7 @@ def reference_from(
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
         "intervals": len(intervals),
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
-        **({} if all(map(in_closed_form, system.time_functions)) else {"functions_seen_every": max(bounds)}),
+        **({} if in_closed_form(*system.time_functions) else {"functions_seen_every": max(bounds)}),
     }
     return Reference(
         t=t,

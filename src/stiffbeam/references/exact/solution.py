@@ -16,7 +16,7 @@ from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
-from ...model.time_functions import Sampled, covered, parts_of, require_closed_form
+from ...model.time_functions import Sampled, covered, leaves, require_closed_form
 from ...trajectory.records import as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
@@ -106,7 +106,7 @@ def refuse(system: System, t_end: float) -> None:
         rule = "take energy from every motion for the exact solution"
         raise InputError("damping", "a matrix that gives energy", rule, "use dop853 or cvode-adams")
     for contact in system.contacts:
-        stops, records = contact.stops, [x for x in parts_of(contact.offset) if isinstance(x, Sampled)]
+        stops, records = contact.stops, [x for x in leaves(contact.offset) if isinstance(x, Sampled)]
         if not system.rigid:
             stops.require_linear("the exact solution", damped=True)
             if stops.damping > 0.0 and records:
