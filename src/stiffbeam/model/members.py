@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import Decimal
 from functools import reduce
@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, same
 from ..basics.resources import afford
+from ..basics.text import path_of, walk
 from ..basics.validation import InputError, Rng, generator, instance, integer, near, number, numbers, positive, sequence
 from .contact import Stops
 from .modes import undamped_modes
 from .problem import BeamProblem
 from .scales import scales
 from .semidiscretisation import semidiscretise
-from .system import System, require_system
+from .system import Origin, System, require_system
 from .time_functions import Constant, Harmonic, LoadFunction, Sampled, Superposition, TimeFunction, offset_values, parts
 
 LISTED = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
@@ -85,9 +86,7 @@ class EnsembleMembers(Sequence[System]):
         return len(self.systems)
 
     def __getitem__(self, i: Any) -> Any:
-        """The system of member i, or those of a slice as EnsembleMembers."""
-        if isinstance(i, slice):
-            return EnsembleMembers(self.system, self.parameter, self.values[i], self.systems[i])
+        """The system of member i, or a list of those of a slice."""
         return self.systems[i]
 
 
@@ -284,15 +283,17 @@ def _rebuilt(system: System, problem: BeamProblem, changed: BeamProblem) -> Syst
 
 
 DRIVE, CLEARANCE = ("frequency", "amplitude"), "clearance"
-AS_GIVEN = {"initial_displacement": "q0", "initial_velocity": "v0"}  # the names that ``System.from_matrices`` uses
+CLOSED = (Sampled, Origin)  # what holds no numbers to vary
+# Other names in a path to a system of matrices: those of ``System.from_matrices``, and a load's function as in a beam.
+AS_GIVEN = {"initial_displacement": "q0", "initial_velocity": "v0", "time": 1}
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 
 def paths_of(system: System) -> list[str]:
     """The paths to all numbers of the problem or the system outside matrices and vectors."""
     return [
-        _text((*keys, SCALE) if isinstance(x, Sampled) else keys)
-        for keys, x in _walk(system.problem or system)
+        re.sub(r"^(loads\[\d+\])\[1\]", r"\1.time", path_of((*keys, SCALE) if isinstance(x, Sampled) else keys))
+        for keys, x in walk(system.problem or system, leaves=CLOSED)
         if isinstance(x, (Sampled, Real, Decimal)) and not isinstance(x, bool)
     ]
 
@@ -305,11 +306,6 @@ def value_at(system: System, path: str) -> float:
     if len(found) != 1 or None in found:
         raise LookupError(path)
     return found.pop()  # type: ignore[return-value]
-
-
-def _text(keys: tuple[Any, ...]) -> str:
-    """The path of these names and indexes."""
-    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).removeprefix(".")
 
 
 def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
@@ -327,12 +323,12 @@ def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
         return [(keys, sign) for place, sign in there for keys, _ in _keys_of(root, place)]
     keys: tuple[Any, ...] = tuple(int(index) if index else name for name, index in _KEY.findall(path))
     # findall skips what it cannot read. Such a path does not read back as it was.
-    if not keys or _text(keys) != path:
+    if not keys or path_of(keys) != path:
         raise LookupError(path)
     if keys[0] == "contacts" and keys[2:3] == ("stops",):
         keys = ("stops", keys[1], *keys[3:])
     if keys[0] != "stops":
-        return [(keys if beam else (AS_GIVEN.get(keys[0], keys[0]), *keys[1:]), 1.0)]
+        return [(keys if beam else tuple(AS_GIVEN.get(key, key) for key in keys), 1.0)]
     # The stops of one contact or of all, where the problem or the system keeps them.
     index = [key for key in keys[1:2] if isinstance(key, int)]
     each, rest = index or list(range(len(stops))), keys[1 + len(index) :]
@@ -347,8 +343,6 @@ def _part(thing: Any, key: Any) -> Any:
     """The part of a path's object that a key names; a scale is 1. Raises LookupError where there is none."""
     if key == SCALE and isinstance(thing, (TimeFunction, np.ndarray)):
         return 1.0
-    if _timed(thing) and key == "time":
-        return thing[1]
     if isinstance(key, int) and isinstance(thing, (tuple, list, np.ndarray)):
         return thing[key]
     if is_dataclass(thing) and key in [x.name for x in fields(thing)]:
@@ -368,8 +362,6 @@ def _replaced(thing: Any, keys: Sequence[Any], value: float) -> Any:
         return value * thing
     if key == SCALE and isinstance(thing, TimeFunction):
         return Superposition.weighted((value * factor, f) for factor, f in parts(thing))
-    if _timed(thing) and key == "time":
-        return (thing[0], new)
     if isinstance(key, int):
         entries = [new if i == key else x for i, x in enumerate(thing)]
         return np.array(entries) if isinstance(thing, np.ndarray) else tuple(entries)
@@ -377,29 +369,9 @@ def _replaced(thing: Any, keys: Sequence[Any], value: float) -> Any:
     return Superposition.weighted(new) if isinstance(thing, Superposition) else replace(thing, **{key: new})
 
 
-def _timed(thing: Any) -> bool:
-    """Return True for a load of a system of matrices, (vector, function)."""
-    return isinstance(thing, tuple) and len(thing) == 2 and isinstance(thing[0], np.ndarray)
-
-
-def _walk(thing: Any, keys: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """All parts of an object outside arrays, and the names and indexes that lead to them."""
-    yield keys, thing
-    inner: list[tuple[Any, Any]] = []
-    if _timed(thing):
-        inner = [("time", thing[1])]
-    elif isinstance(thing, (tuple, list)):
-        inner = list(enumerate(thing))
-    elif is_dataclass(thing) and not isinstance(thing, Sampled):
-        names = (field.name for field in fields(thing))
-        inner = [(x, getattr(thing, x)) for x in names if x not in ("origin", "units")]  # without numbers
-    for key, part in inner:
-        yield from _walk(part, (*keys, key))
-
-
 def _drive(root: Any, name: str) -> list[tuple[Any, ...]]:
     """The keys of the frequency or the amplitude of the drive."""
-    found = [(keys, f) for keys, f in _walk(root) if isinstance(f, Harmonic)]
+    found = [(keys, f) for keys, f in walk(root, leaves=CLOSED) if isinstance(f, Harmonic)]
     # The drive: the first place in this order that has a Harmonic.
     places = ([f for keys, f in found if keys[0] == x] for x in ("base", "loads", "stops", "contacts"))
     drive = next((place for place in places if place), [])

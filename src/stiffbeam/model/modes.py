@@ -147,11 +147,10 @@ def undamped_modes(system: System) -> Modes:
     """The modes of ``system`` without its damping, which always decouple."""
     try:
         squares, vectors = scipy.linalg.eigh(system.stiffness, system.mass, driver="gvd", check_finite=False)
-    except np.linalg.LinAlgError:
-        squares, vectors = np.full((2, 1, 1), np.inf)
-    _within_float64("stiffness", squares)
-    factor = system.stiffness_factor
-    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, vectors)
+    except np.linalg.LinAlgError:  # of entries that have overflown
+        squares = vectors = np.full((1, 1), np.inf)
+    start, factor = _within_float64("stiffness", squares), system.stiffness_factor
+    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, start, vectors)
     omega = np.sqrt(np.maximum(squares, 0.0))
     shapes = shapes * np.where(_largest(shapes) < 0.0, -1.0, 1.0)  # equal systems have equal modes
     return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
