@@ -111,6 +111,15 @@ def constants(field: str, value: Any, rule: str = "be finite numbers", remedy: s
     return read_only(numbers(field, value, rule, remedy))
 
 
+def vector(field: str, value: Any, n: int | None = None) -> Array:
+    """``constants`` in a row, of n numbers where n is given."""
+    array = constants(field, value)
+    array = array if array.ndim == 1 else read_only(array.ravel())
+    if n not in (None, len(array)):
+        raise InputError(field, array, f"be {n} finite numbers", "one per unknown")
+    return array
+
+
 def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> list[Any]:
     """The items of a list, tuple or array. Raises InputError for anything else, texts and dictionaries included."""
     if isinstance(value, (list, tuple, np.ndarray, Sequence)) and not isinstance(value, (str, bytes, bytearray)):

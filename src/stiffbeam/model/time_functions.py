@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.validation import Frozen, InputError, constants, exact_value, number, numbers, one_of, positive
+from ..basics.validation import Frozen, InputError, constants, exact_value, integer, number, numbers, one_of, positive
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -213,10 +213,9 @@ class Sampled(Derivable):
             at = int(np.argmin(steps > 0.0))
             remedy = "for a jump give two samples at times close to each other"
             raise InputError("sampled.t", float(self.t[at + 1]), f"increase: it follows {self.t[at]:g}", remedy)
-        order = self.derivative
-        if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= KINDS[self.kind]:
-            rule = f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}"
-            raise InputError("derivative", order, rule, "0 is the function itself")
+        if integer("derivative", self.derivative, 0) > KINDS[self.kind]:
+            rule = f"be at most {KINDS[self.kind]} for kind={self.kind!r}, beyond which there are jumps"
+            raise InputError("derivative", self.derivative, rule, 'take samples of kind "cubic"')
         self._whole  # noqa: B018  which refuses slopes that overflow
 
     def __eq__(self, other: object) -> bool:
@@ -281,17 +280,13 @@ class Sampled(Derivable):
 
     def _at(self, t: ArrayLike, order: int) -> Array:
         if order > self.degree:
-            jump = "slopes jump" if order > 1 else "values jump"
-            rule = f"have a derivative of order {order}: its {jump} at the samples"
-            raise InputError("a sampled time function", f"kind={self.kind!r}", rule, 'take samples of kind "cubic"')
+            self.derived(order)  # raises InputError
         t = np.asarray(t, float)
         self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
         return np.asarray(self._whole(t, self.derivative + order))
 
     def derived(self, times: int) -> Sampled:
         """f' or f''. Raises InputError where that would hold impulses."""
-        if times > self.degree:
-            self._at(self.t[0], times)
         return Sampled(self.t, self.values, self.kind, self.derivative + times)
 
 
