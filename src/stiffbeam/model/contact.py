@@ -161,11 +161,10 @@ class Stops(Frozen):
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
                 vars(self)[side] = number(f"stops.{side}", getattr(self, side), exact=True)
+        # A rigid stop has an impact law in place of a law of force, a compliant one the reverse.
         for name, plain in LINEAR.items():
             # Below the exponent 1 the force has no slope; its dampings are 0 in the linear law, and not negative.
             vars(self)[name] = number(f"stops.{name}", getattr(self, name), exact=True, least=plain)
-        # A rigid stop has an impact law in place of a law of force, a compliant one the reverse.
-        for name, plain in LINEAR.items():
             if self.rigid and getattr(self, name) != plain:
                 raise InputError(f"stops.{name}", getattr(self, name), "be left out for rigid stops", "use restitution")
         if self.restitution is not None:

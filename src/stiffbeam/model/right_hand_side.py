@@ -231,13 +231,7 @@ class Numbers(NamedTuple):
 
 def numbers_of(e: Equations) -> tuple[tuple[float, ...], Numbers]:
     """Exponents of the contacts, constants of a compiled program, and numbers of a right-hand side, its regime and
-    window those of now.
-
-    Raises InputError for functions of time that JAX cannot trace, and for one with a mass.
-    """
-    if e.called:
-        rule = "be made of Harmonic, Constant and Sampled for JAX"
-        raise InputError("time function", "a callable", rule, "use the adaptive solver cvode")
+    window those of now. Functions of time have to be in closed form: JAX cannot trace others."""
     (m, n), d = e.pushes.shape, len(e.loads)
     linear = np.zeros((n + 3 * m + d, n + 2 * d))
     rate, positions, velocities, offset_rates, power = np.split(linear, np.cumsum([n, m, m, m]))
@@ -431,6 +425,7 @@ class ODE:
         Raises InputError where JAX works in single precision, and where a load or an offset is a Python function.
         """
         require_jax_float64()
+        require_closed_form(self.system.time_functions, "JAX")
         if self.form != FORMS[0]:
             raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
         exponents, numbers = numbers_of(self._rhs.equations)

@@ -10,7 +10,7 @@ from ..basics.arrays import Array
 from .contact import Contact, chord, depth_holding, depth_under, stored
 from .modes import undamped_modes
 from .system import System
-from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, leaves, parts
+from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, parts
 
 UNNOTICED = 0.1  # (rate t_end)^2/12 below 1e-3: a force that turns a mode so slowly does not show in the run
 SAMPLES = 4001  # of a function in Python, over a run
@@ -98,8 +98,8 @@ def _speed(system: System, t_end: float) -> float:
                 reach = np.minimum(np.minimum(amplitude / fastest, impulse), amplitude * t_end)
             gained = np.multiply(np.abs(force), reach, out=np.zeros_like(force), where=force != 0.0)
             if frequency == 0.0:  # a push that lasts, which a stop ends
-                steady = all(isinstance(f, Constant) for f in leaves(function))
-                signs = [np.sign(_constant(function))] if steady else [1.0, -1.0]
+                levels = [factor * f.level for factor, f in parts(function) if isinstance(f, Constant)]
+                signs = [np.sign(sum(levels))] if len(levels) == len(parts(function)) else [1.0, -1.0]
                 falls = [_fall(system, force, sign * amplitude) for sign in signs]
                 # What lies on a stop is lifted by a load of both signs.
                 fall = np.min(falls, axis=0)
@@ -130,11 +130,6 @@ def _fall(system: System, force: Array, level: float) -> Array:
             gap = max(side * (bound - float(u)), 0.0)
             square[towards] = np.minimum(square[towards], 2.0 * (pressed * (gap + depth) - held))
     return np.where(force == 0.0, 0.0, np.sqrt(square))
-
-
-def _constant(function: LoadFunction) -> float:
-    """The level of the constant terms of a load."""
-    return sum(factor * f.level for factor, f in parts(function) if isinstance(f, Constant))
 
 
 def _mobility(system: System, contact: Contact) -> float:
