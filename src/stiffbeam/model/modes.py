@@ -196,11 +196,9 @@ def _complex_modes(system: System) -> Modes:
     # In undamped modes the matrices are diagonal but for the damping.
     basis = undamped_modes(system)
     n, scale = system.size, np.where(basis.omega > 0.0, basis.omega, 1.0)
+    damping = basis.shapes.T @ system.damping @ basis.shapes
     # z = (scale eta, eta'): entries of one size, so that the slow eigenvalues are as good as the fast ones.
-    A = np.zeros((2 * n, 2 * n))
-    A[:n, n:] = np.diag(scale)
-    A[n:, :n] = -np.diag(basis.omega**2 / scale)
-    A[n:, n:] = -basis.shapes.T @ system.damping @ basis.shapes
+    A = np.block([[np.zeros((n, n)), np.diag(scale)], [-np.diag(basis.omega**2 / scale), -damping]])
     values, left, vectors = (np.asarray(part, complex) for part in scipy.linalg.eig(A, left=True))
     # One of each conjugate pair, and the real ones.
     kept = np.imag(values) >= 0.0
@@ -208,7 +206,7 @@ def _complex_modes(system: System) -> Modes:
     x, y = vectors[:n] / scale[:, None], np.conj(left[n:, kept])
     # An algorithm errs by eps of the largest eigenvalue in all of them: two of Newton's steps on the stationary form
     # y^T (lambda^2 + lambda D + Omega^2) x, which is as good as a slow motion is slow; none where it is flat.
-    a, b, c = (np.sum(y * z, axis=0) for z in (x, -A[n:, n:] @ x, basis.omega[:, None] ** 2 * x))
+    a, b, c = (np.sum(y * z, axis=0) for z in (x, damping @ x, basis.omega[:, None] ** 2 * x))
     for _ in range(2):
         slope = 2.0 * a * values + b
         single = np.abs(slope) > 1e-2 * (2.0 * np.abs(a * values) + np.abs(b))
