@@ -196,12 +196,6 @@ class RightHandSide:
             z[-1] += np.sum(gained[[c.stops.dissipative for c in self.system.contacts]])
         return z
 
-    def channels(self, t: Array, y: Array) -> tuple[Array, Array]:
-        """Positions and velocities of the system's channels; y (k, m) at t (k,) -> (k, channels) each."""
-        motions = [channel_motion(row, o, t, y[:, ::2], y[:, 1::2]) for row, o in self.system.channels]
-        positions, velocities = (np.stack(x, axis=-1) for x in zip(*motions, strict=True))
-        return positions, velocities
-
     def _inside(self, t: float) -> float:
         first, last = self.window.tolist()
         return min(max(t, first), last)
@@ -390,7 +384,7 @@ class ODE:
     def tip(self, t: ArrayLike, y: ArrayLike) -> Array:
         """Return the observed position, (k,), of k states at the times (k,)."""
         times, states = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(self._states(y))
-        return self._rhs.channels(times, states)[0][:, self.system.tip_channel]
+        return self.system.positions(times, states[:, ::2])[:, self.system.tip_channel]
 
     def segment(self, sides: ArrayLike) -> ODE:
         """Return the equation between two events, smooth on both sides of them.

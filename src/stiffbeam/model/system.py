@@ -19,7 +19,7 @@ from ..basics.text import several
 from ..basics.units import Units, units_labels
 from ..basics.validation import Frozen, InputError, as_doubles, constants, exact_parts, instance, sequence, vector
 from .beam import beam_field
-from .contact import Contact, Stops, channel_position
+from .contact import Contact, Stops, channel_motion, channel_position
 from .problem import BeamProblem
 from .time_functions import LoadFunction, TimeFunction, description, evaluate, time_function
 
@@ -353,6 +353,12 @@ class System(Frozen):
     def positions(self, t: ArrayLike, q: Array) -> Array:
         """row q + o(t) of every channel; q of shape t.shape + (n,) gives t.shape + (channels,)."""
         return np.stack([channel_position(row, offset, t, q) for row, offset in self.channels], axis=-1)
+
+    def motions(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array]:
+        """``positions`` of every channel, and their rates."""
+        each = [channel_motion(row, offset, t, q, v) for row, offset in self.channels]
+        positions, velocities = (np.stack(x, axis=-1) for x in zip(*each, strict=True))
+        return positions, velocities
 
     def energies(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """(1/2 q'^T M q', 1/2 q^T K q, sum_c U_c), each t.shape; q, v of shape t.shape + (n,)."""
