@@ -130,13 +130,6 @@ def working(what: str, asked: bool | Show | None = None) -> Generator[Show, None
                 limit.restore_original_limits()
 
 
-@contextmanager
-def progress() -> Generator[Show, None, None]:
-    """Display of a command: ``working`` that shows its progress at once."""
-    with working("starting", not TALK.quiet) as show:
-        yield show
-
-
 @cache
 def _blas() -> Any:
     from threadpoolctl import ThreadpoolController

@@ -1,17 +1,14 @@
-"""Results as text: messages, plain values for JSON, tables, and pictures by name."""
+"""Results as text: messages, plain values for JSON, paths to the parts of an object, and pictures by name."""
 
 from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import pandas
-
 
 LONGEST = 300  # letters of a message
 
@@ -79,13 +76,21 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def table(columns: dict[str, Any], attributes: dict[str, Any] | None = None) -> pandas.DataFrame:
-    """A DataFrame of the columns; attributes of the whole table are in ``attrs``."""
-    import pandas
+def walk(thing: Any, *keys: Any, leaves: tuple[type, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """Everything in dataclasses, tuples and lists but not in ``leaves``, with the names and indexes that lead to it."""
+    yield keys, thing
+    inner: Iterable[tuple[Any, Any]] = ()
+    if isinstance(thing, (tuple, list)):
+        inner = enumerate(thing)
+    elif is_dataclass(thing) and not isinstance(thing, (type, *leaves)):
+        inner = ((field.name, getattr(thing, field.name)) for field in fields(thing))
+    for key, part in inner:
+        yield from walk(part, *keys, key, leaves=leaves)
 
-    frame = pandas.DataFrame(columns)
-    frame.attrs.update(attributes or {})
-    return frame
+
+def path_of(keys: Iterable[Any]) -> str:
+    """These names and indexes as Python writes them, "stops[0].upper"."""
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).removeprefix(".")
 
 
 DRAW: dict[str, Callable[..., Any]] = {}  # by name: "run", "comparison", "film"

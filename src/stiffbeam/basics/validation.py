@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass, replace
 from decimal import Decimal
 from difflib import get_close_matches
@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .arrays import Array, is_read_only, read_only
-from .text import sentence, shown
+from .text import path_of, sentence, shown, walk
 
 Known = TypeVar("Known")
 Rng = int | np.random.Generator | np.random.BitGenerator | np.random.SeedSequence | None
@@ -109,6 +109,15 @@ def constants(field: str, value: Any, rule: str = "be finite numbers", remedy: s
     if is_read_only(value) and np.isfinite(value).all():
         return value
     return read_only(numbers(field, value, rule, remedy))
+
+
+def vector(field: str, value: Any, n: int | None = None) -> Array:
+    """``constants`` in a row, of n numbers where n is given."""
+    array = constants(field, value)
+    array = array if array.ndim == 1 else read_only(array.ravel())
+    if n not in (None, len(array)):
+        raise InputError(field, array, f"be {n} finite numbers", "one per unknown")
+    return array
 
 
 def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> list[Any]:
@@ -293,16 +302,9 @@ def exact_value(x: float) -> tuple[Fraction, bool]:
     return (x.ratio, x.pi) if isinstance(x, ExactFloat) else (Fraction(x), False)
 
 
-def exact_parts(value: Any, name: str = "") -> Iterator[str]:
-    """Name and text of every ExactFloat in a dataclass or tuple and in what they hold, in order."""
-    if isinstance(value, ExactFloat):
-        yield f"{name} = {value.text}"
-    elif is_dataclass(value) and not isinstance(value, type):
-        for field in fields(value):
-            yield from exact_parts(getattr(value, field.name), f"{name}.{field.name}".lstrip("."))
-    elif isinstance(value, tuple):
-        for i, item in enumerate(value):
-            yield from exact_parts(item, f"{name}[{i}]")
+def exact_parts(thing: Any, *keys: Any) -> list[str]:
+    """Path and text of every ExactFloat in ``walk``."""
+    return [f"{path_of(keys)} = {x.text}" for keys, x in walk(thing, *keys) if isinstance(x, ExactFloat)]
 
 
 def as_doubles(value: Any) -> Any:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from ..basics.progress import TALK, progress
+from ..basics.progress import TALK, working
 from ..basics.resources import cores
 from ..basics.storage import make_folder, write_whole
 from ..basics.text import cut, plain
@@ -87,7 +87,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
         folder = make_folder(out if out is not None else default_folder(chosen.name))
         if jobs is None:
             jobs = 1 if kind.all_cores else cores()
-        with progress() as show:
+        with working("starting", True) as show:
             records = perform(options, chosen, jobs, folder / "points", show)
             written: list[Path] = []
             if len(records.found):
@@ -221,7 +221,7 @@ def compare(
     folder = out if out is not None else default_folder(chosen.name)
     result = CaseComparison(chosen, options.form, options.contact, options.budget)
     tell, written = (say if str(json) != "-" else str), list[Path]()
-    with progress() as show:
+    with working("starting", True) as show:
         try:
             _follow(result, schemes, names, tell, case, folder, written)
             if options.rates and chosen.has_stops and result.comparisons:
@@ -343,7 +343,7 @@ def reference(
         if not fits and kind:
             raise InputError(flag, "with --method " + method, "be left out here", "this method has no use for it")
     many = "auto" if digits is None else digits
-    with progress() as show:
+    with working("starting", True) as show:
         show(f"{method}@{system.form}", 0, 0)
         solution = reference(system, end, method, rtol=1e-10 if rtol is None else rtol, digits=many)
     record = {
@@ -398,7 +398,7 @@ def score(
         label = trajectory[0].name if len(trajectory) == 1 else f"{len(trajectory)} files"
         card = score_trajectories(names[0], [read_trajectory(x) for x in trajectory], label)
     else:
-        with progress() as bar:
+        with working("starting", True) as bar:
             card = score_all(None if integrators is None else split_runs(integrators), names, progress=bar)
     written = [] if out is None else card.save(out)
     if not write_json("score", card.to_dict(), json):
@@ -447,7 +447,7 @@ def doctor(*, json: Json = None) -> int:
     for method in REFERENCES.values():
         versions |= method.versions()
     solvers = list[dict[str, Any]]()
-    with progress() as show:
+    with working("starting", True) as show:
         for i, name in enumerate(["SDIRK", *REFERENCES]):
             show(name, i, 1 + len(REFERENCES))
             try:

@@ -14,7 +14,7 @@ from ..basics.resources import afford
 from ..kernels import march as kernel
 from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Progress, Span
 from ..kernels.march import states as single_steps
-from ..model.contact import all_laws, channel_motion, laws
+from ..model.contact import all_laws, laws
 from ..model.contact import jumps as force_jumps
 from ..model.system import System
 from ..model.time_functions import evaluate
@@ -123,7 +123,7 @@ class Stepper:
     def launch(self, member: System, since: int) -> tuple[Progress, Array, Array]:
         """A member at t = 0, with contacts recorded after step ``since``; rows of the contacts that are there, and y in
         the coordinates. A march copies what it changes."""
-        law, (u, v) = laws(member.contacts), initial_channels(member)
+        law, (u, v) = laws(member.contacts), member.motions(0.0, member.q0, member.v0)
         tally, events = start_tallies(u, v, law, self.dt, self.treatment.means, since)
         start = self.coordinates.start(member.q0, member.v0)
         begun = Progress(law, np.zeros(0), u, v, tally, np.zeros(1, np.int64))
@@ -289,10 +289,3 @@ def jumping(law: Array) -> bool:
 def functions(system: System) -> list[object]:
     """Loads and offsets of a system; vectors count as equal to themselves only."""
     return [*((id(vector), f) for vector, f in system.loads), *(offset for _, offset in system.channels)]
-
-
-def initial_channels(system: System) -> tuple[Array, Array]:
-    """Positions and velocities (C,) of the channels of a system at t = 0."""
-    each = [channel_motion(row, o, 0.0, system.q0, system.v0) for row, o in system.channels]
-    u, v = np.array(each, float).reshape(-1, 2).T.copy()
-    return u, v

@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, Linear, rigid_steps
-from ..model.contact import Contact, Stops, channel_motion
+from ..model.contact import Contact, Stops
 from ..model.modes import decoupled_modes
 from ..model.system import System
 from ..model.time_functions import TimeFunction, evaluate, offset_rate, offset_values
@@ -19,7 +19,6 @@ from ..schemes.rigid import AHEAD, POSITION, RESTITUTED, VELOCITY
 from ..schemes.rigid import WHERE_CLOSED as CONDITION
 from ..trajectory.recorder import reaction_counts
 from ..trajectory.records import ContactRecord, Ledger, step_ledger
-from .block_march import initial_channels
 from .probe import Coordinates, StepMap
 
 STEPS_PER_PIECE = 4096
@@ -39,10 +38,10 @@ class RigidStepper:
     def run(self, member: System, steps: int, every: int | None, since: int) -> dict[str, Any]:
         """Fields of the Trajectory of a member; impacts are counted after step ``since``."""
         diverged, none = np.nan, np.zeros(len(member.contacts))
-        pieces = [[x[None] for x in (*initial_channels(member), none)]]  # positions, velocities, reactions
+        start = *member.motions(0.0, member.q0, member.v0), none  # positions, velocities, reactions
+        pieces = [[x[None] for x in start]]
         for t, q, v, reactions in self.states(member, steps):
-            motion = [channel_motion(row, offset, t, q, v) for row, offset in member.channels]
-            positions, velocities = (np.stack(x, axis=1) for x in zip(*motion, strict=True))
+            positions, velocities = member.motions(t, q, v)
             # The first step beyond the bound ends the run.
             bad = ~np.all(np.abs(positions) < OVERFLOW, axis=1)
             if np.any(bad):

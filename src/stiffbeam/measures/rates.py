@@ -29,7 +29,6 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.progress import working
-from ..basics.text import table
 from ..basics.units import with_unit
 from ..basics.validation import InputError, instance, numbers, sequence
 from ..model.contact import channel_motion
@@ -122,12 +121,14 @@ class ContactRates:
 
         ``contact_fraction`` is the share of the time in contact.
         """
+        import pandas
+
         columns: dict[str, Any] = {
             column + suffix: [getattr(each[name], end) for each in self.rates]
             for name, (column, _) in RATES.items()
             for end, suffix in (("value", ""), ("low", "_low"), ("high", "_high"))
         }
-        return table(columns | {"source": list(self.sources)}).rename_axis("contact")
+        return pandas.DataFrame(columns | {"source": list(self.sources)}).rename_axis("contact")
 
     def __str__(self) -> str:
         lines = []

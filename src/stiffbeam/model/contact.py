@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..basics.arrays import Array, read_only
-from ..basics.validation import Frozen, InputError, constants, instance, number, positive
+from ..basics.arrays import Array
+from ..basics.validation import Frozen, InputError, instance, number, positive, vector
 from ..kernels.march import LAW, contact_forces
 from .time_functions import TimeFunction, offset_rate, offset_values, time_function
 
@@ -161,11 +161,10 @@ class Stops(Frozen):
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
                 vars(self)[side] = number(f"stops.{side}", getattr(self, side), exact=True)
+        # A rigid stop has an impact law in place of a law of force, a compliant one the reverse.
         for name, plain in LINEAR.items():
             # Below the exponent 1 the force has no slope; its dampings are 0 in the linear law, and not negative.
             vars(self)[name] = number(f"stops.{name}", getattr(self, name), exact=True, least=plain)
-        # A rigid stop has an impact law in place of a law of force, a compliant one the reverse.
-        for name, plain in LINEAR.items():
             if self.rigid and getattr(self, name) != plain:
                 raise InputError(f"stops.{name}", getattr(self, name), "be left out for rigid stops", "use restitution")
         if self.restitution is not None:
@@ -333,12 +332,9 @@ class Contact(Frozen):
         return f"<Contact on {used} of {len(self.row)} unknowns: {self.stops!r}{moved}>"
 
     def __post_init__(self) -> None:
-        given, rule = self.row, "be finite and not all zero"
-        row = constants("contact.row", given, rule)
-        row = row if row.ndim == 1 else read_only(row.ravel())
-        if not np.any(row):
-            raise InputError("contact.row", given, rule, "for example [0, 0, 1]")
-        vars(self)["row"] = row
+        vars(self)["row"] = vector("contact.row", self.row)
+        if not np.any(self.row):
+            raise InputError("contact.row", self.row, "not be all zero", "for example [0, 0, 1]")
         instance("contact.stops", self.stops, Stops, "for example Stops(upper=0.1, stiffness=1e4)")
         for name, remedy in (("position", "put it into the row"), ("motion", "its negative is an offset")):
             if getattr(self.stops, name) is not None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from decimal import Decimal
+from functools import reduce
 from numbers import Real
 from typing import Any
 
@@ -15,12 +15,14 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, same
 from ..basics.resources import afford
+from ..basics.text import path_of, walk
 from ..basics.validation import InputError, Rng, generator, instance, integer, near, number, numbers, positive, sequence
 from .contact import Stops
 from .modes import undamped_modes
+from .problem import BeamProblem
 from .scales import scales
 from .semidiscretisation import semidiscretise
-from .system import System, require_system
+from .system import Origin, System, require_system
 from .time_functions import Constant, Harmonic, LoadFunction, Sampled, Superposition, TimeFunction, offset_values, parts
 
 LISTED = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
@@ -84,9 +86,7 @@ class EnsembleMembers(Sequence[System]):
         return len(self.systems)
 
     def __getitem__(self, i: Any) -> Any:
-        """The system of member i, or those of a slice as EnsembleMembers."""
-        if isinstance(i, slice):
-            return EnsembleMembers(self.system, self.parameter, self.values[i], self.systems[i])
+        """The system of member i, or a list of those of a slice."""
         return self.systems[i]
 
 
@@ -255,111 +255,94 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     if system.problem is not None and not (system.origin and system.origin.starts(system)):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
         raise InputError(", ".join(values), "a beam with other initial data", "be varied with its problem", remedy)
-    places_of_stops = _at_clearance(system, values[CLEARANCE]) if CLEARANCE in values else {}
-    for path in places_of_stops.keys() & values.keys():
-        raise InputError("parameter", path, "be left out beside the clearance, which sets it", "leave out one of them")
-    values = {path: x for path, x in values.items() if path != CLEARANCE} | places_of_stops
+    root: Any = system.problem or system
+    placed: dict[tuple[Any, ...], float] = {}
     for path, value in values.items():
-        number(path, value)
-        value = positive(path, value) if path == "frequency" else value
+        (positive if path in ("frequency", CLEARANCE) else number)(path, value)
         try:
-            system = _placed(system, _keys_of(system, path), value)
+            for keys, sign in _keys_of(root, path):
+                if placed.setdefault(keys, sign * value) != sign * value:
+                    raise InputError("parameter", path, "be the only one to set its number", "leave out the other path")
+                root = _replaced(root, keys, sign * value)
         except LookupError as error:
             known = list(dict.fromkeys([*DRIVE, CLEARANCE, *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
-    # A later path may have changed the number of an earlier one.
-    for path, value in values.items() if len(values) > 1 else ():
-        with suppress(LookupError):  # a short name, or of several contacts one with another number
-            if path.rpartition(".")[2] != SCALE and value_at(system, path) != value:
-                raise InputError("parameter", path, "be the only one to set its number", "leave out the other path")
-    return system
+    return root if system.problem is None else _rebuilt(system, system.problem, root)
 
 
-def _at_clearance(system: System, value: float) -> dict[str, float]:
-    """Values by path that put every stop of a system at this distance from zero."""
-    positive(CLEARANCE, value)
-    if not system.contacts:
-        remedy = "vary another parameter, or give the case stops"
-        raise InputError("parameter", CLEARANCE, "be asked of a case with stops", remedy)
-    sides = [(i, side) for i in range(len(system.contacts)) for side in ("lower", "upper")]
-    there = [(i, side) for i, side in sides if getattr(system.contacts[i].stops, side) is not None]
-    return {f"stops[{i}].{side}": value if side == "upper" else -value for i, side in there}
+def _rebuilt(system: System, problem: BeamProblem, changed: BeamProblem) -> System:
+    """The system of the changed problem on the grid of a system. Raises InputError for a start with the speed of the
+    base, which would be one against the changed base."""
+    if problem.base is not None and problem.initial_velocity is not None and changed.base != problem.base:
+        speed, before, after = (float(np.squeeze(f(np.zeros(1)))) for f in (
+            problem.initial_velocity, problem.base.rate, changed.base.rate))  # type: ignore[union-attr]  # fmt: skip
+        if before != after and speed != 0.0 and abs(speed - before) <= 1e-6 * abs(before):
+            rule = "be kept where the beam starts with the speed of its base"
+            raise InputError("base", "another speed at the start", rule, "build the systems one by one")
+    return semidiscretise(changed, system.cells or system.size, system.form)
 
 
 DRIVE, CLEARANCE = ("frequency", "amplitude"), "clearance"
-AS_GIVEN = {"initial_displacement": "q0", "initial_velocity": "v0"}  # the names that ``System.from_matrices`` uses
+CLOSED = (Sampled, Origin)  # what holds no numbers to vary
+# Other names in a path to a system of matrices: those of ``System.from_matrices``, and a load's function as in a beam.
+AS_GIVEN = {"initial_displacement": "q0", "initial_velocity": "v0", "time": 1}
 _KEY = re.compile(r"([A-Za-z_]\w*)|\[(\d+)\]")
 
 
 def paths_of(system: System) -> list[str]:
     """The paths to all numbers of the problem or the system outside matrices and vectors."""
     return [
-        f"{path}.{SCALE}" if isinstance(x, Sampled) else path
-        for path, x in _walk(system.problem or system)
+        re.sub(r"^(loads\[\d+\])\[1\]", r"\1.time", path_of((*keys, SCALE) if isinstance(x, Sampled) else keys))
+        for keys, x in walk(system.problem or system, leaves=CLOSED)
         if isinstance(x, (Sampled, Real, Decimal)) and not isinstance(x, bool)
     ]
 
 
 def value_at(system: System, path: str) -> float:
     """The number at a path or a short name. Raises LookupError where there is none, or different ones behind it."""
-    found = set()
-    for keys in _keys_of(system, path):
-        thing: Any = system.problem or system
-        for key in keys:
-            thing = _part(thing, key)
-        found.add(float(thing) if isinstance(thing, Real) else None)
+    root: Any = system.problem or system
+    ends = [(reduce(_part, keys, root), sign) for keys, sign in _keys_of(root, path)]
+    found = {sign * float(end) if isinstance(end, Real) else None for end, sign in ends}
     if len(found) != 1 or None in found:
         raise LookupError(path)
     return found.pop()  # type: ignore[return-value]
 
 
-def _keys_of(system: System, path: str) -> list[list[Any]]:
-    """Names and indexes of a path from the problem or the system, one list for each number that it stands for."""
+def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
+    """Names and indexes from a problem or a system to each number that a path stands for, and its sign there."""
+    beam = isinstance(root, BeamProblem)
+    stops = root.all_stops if beam else [contact.stops for contact in root.contacts]
     if path in DRIVE:
-        return [keys for place in _places(system, path) for keys in _keys_of(system, place)]
-    keys: list[Any] = [int(index) if index else name for name, index in _KEY.findall(path)]
+        return [(keys, 1.0) for keys in _drive(root, path)]
+    if path == CLEARANCE:
+        if not stops:
+            remedy = "vary another parameter, or give the case stops"
+            raise InputError("parameter", CLEARANCE, "be asked of a case with stops", remedy)
+        sides = [(i, side, sign) for i in range(len(stops)) for side, sign in (("lower", -1.0), ("upper", 1.0))]
+        there = [(f"stops[{i}].{side}", sign) for i, side, sign in sides if getattr(stops[i], side) is not None]
+        return [(keys, sign) for place, sign in there for keys, _ in _keys_of(root, place)]
+    keys: tuple[Any, ...] = tuple(int(index) if index else name for name, index in _KEY.findall(path))
     # findall skips what it cannot read. Such a path does not read back as it was.
-    if not keys or "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] != path:
+    if not keys or path_of(keys) != path:
         raise LookupError(path)
-    problem = system.problem
-    if keys[0] == "contacts" and keys[2:3] == ["stops"]:
-        keys = ["stops", keys[1], *keys[3:]]
+    if keys[0] == "contacts" and keys[2:3] == ("stops",):
+        keys = ("stops", keys[1], *keys[3:])
     if keys[0] != "stops":
-        return [keys if problem else [AS_GIVEN.get(keys[0], keys[0]), *keys[1:]]]
+        return [(keys if beam else tuple(AS_GIVEN.get(key, key) for key in keys), 1.0)]
     # The stops of one contact or of all, where the problem or the system keeps them.
-    each = [keys[1]] if isinstance(keys[1] if len(keys) > 1 else None, int) else list(range(len(system.contacts)))
-    rest = keys[2:] if len(keys) > 1 and keys[1] in each else keys[1:]
-    if not each or max(each) >= len(system.contacts):
+    index = [key for key in keys[1:2] if isinstance(key, int)]
+    each, rest = index or list(range(len(stops))), keys[1 + len(index) :]
+    if not each or max(each) >= len(stops):
         raise LookupError(path)
-    if problem is None:
-        return [["contacts", i, "stops", *rest] for i in each]
-    return [["stops", *([] if isinstance(problem.stops, Stops) else [i]), *rest] for i in each]
-
-
-def _placed(system: System, paths: list[list[Any]], value: float) -> System:
-    """System with a value at the ends of these keys. Raises LookupError where they lead to no number."""
-    problem = system.problem
-    root: Any = problem or system
-    for keys in paths:
-        root = _replaced(root, keys, value)
-    if problem is None:
-        return root
-    # A start with the speed of the base would be one against it.
-    if problem.base is not None and problem.initial_velocity is not None and root.base != problem.base:
-        speed, before, after = (float(np.squeeze(f(np.zeros(1)))) for f in (
-            problem.initial_velocity, problem.base.rate, root.base.rate))  # fmt: skip
-        if before != after and speed != 0.0 and abs(speed - before) <= 1e-6 * abs(before):
-            rule = "be kept where the beam starts with the speed of its base"
-            raise InputError("base", "another speed at the start", rule, "build the systems one by one")
-    return semidiscretise(root, system.cells or system.size, system.form)
+    one = beam and isinstance(root.stops, Stops)
+    places = [("stops",) if one else ("stops", i) if beam else ("contacts", i, "stops") for i in each]
+    return [((*place, *rest), 1.0) for place in places]
 
 
 def _part(thing: Any, key: Any) -> Any:
     """The part of a path's object that a key names; a scale is 1. Raises LookupError where there is none."""
     if key == SCALE and isinstance(thing, (TimeFunction, np.ndarray)):
         return 1.0
-    if _timed(thing) and key == "time":
-        return thing[1]
     if isinstance(key, int) and isinstance(thing, (tuple, list, np.ndarray)):
         return thing[key]
     if is_dataclass(thing) and key in [x.name for x in fields(thing)]:
@@ -367,7 +350,7 @@ def _part(thing: Any, key: Any) -> Any:
     raise LookupError(key)
 
 
-def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
+def _replaced(thing: Any, keys: Sequence[Any], value: float) -> Any:
     """The object with a value at the end of the keys."""
     if not keys:
         if thing is not None and (isinstance(thing, bool) or not isinstance(thing, (Real, str, Decimal))):
@@ -379,8 +362,6 @@ def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
         return value * thing
     if key == SCALE and isinstance(thing, TimeFunction):
         return Superposition.weighted((value * factor, f) for factor, f in parts(thing))
-    if _timed(thing) and key == "time":
-        return (thing[0], new)
     if isinstance(key, int):
         entries = [new if i == key else x for i, x in enumerate(thing)]
         return np.array(entries) if isinstance(thing, np.ndarray) else tuple(entries)
@@ -388,39 +369,20 @@ def _replaced(thing: Any, keys: list[Any], value: float) -> Any:
     return Superposition.weighted(new) if isinstance(thing, Superposition) else replace(thing, **{key: new})
 
 
-def _timed(thing: Any) -> bool:
-    """Return True for a load of a system of matrices, (vector, function)."""
-    return isinstance(thing, tuple) and len(thing) == 2 and isinstance(thing[0], np.ndarray)
-
-
-def _walk(thing: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """All parts of an object outside arrays, and the paths to them."""
-    yield path, thing
-    if _timed(thing):
-        yield from _walk(thing[1], f"{path}.time")
-    elif isinstance(thing, (tuple, list)):
-        for i, entry in enumerate(thing):
-            yield from _walk(entry, f"{path}[{i}]")
-    elif is_dataclass(thing) and not isinstance(thing, Sampled):
-        for field in fields(thing):
-            if field.name not in ("origin", "units"):  # which hold no numbers to vary
-                yield from _walk(getattr(thing, field.name), f"{path}.{field.name}" if path else field.name)
-
-
-def _places(system: System, name: str) -> list[str]:
-    """The paths to the frequency or the amplitude of the drive."""
-    found = [(path, f) for path, f in _walk(system.problem or system) if isinstance(f, Harmonic)]
+def _drive(root: Any, name: str) -> list[tuple[Any, ...]]:
+    """The keys of the frequency or the amplitude of the drive."""
+    found = [(keys, f) for keys, f in walk(root, leaves=CLOSED) if isinstance(f, Harmonic)]
     # The drive: the first place in this order that has a Harmonic.
-    places = ([f for path, f in found if path.startswith(x)] for x in ("base", "loads", "stops", "contacts"))
+    places = ([f for keys, f in found if keys[0] == x] for x in ("base", "loads", "stops", "contacts"))
     drive = next((place for place in places if place), [])
     distinct = {h.frequency if name == "frequency" else (h.frequency, h.amplitude) for h in drive}
     if len(distinct) != 1:
         by_path = f"name one by its path, for example loads[0].time.{name}"
         remedy = by_path if distinct else "vary a number that it has: loads[0].time.scale, stops.stiffness"
         raise InputError(name, f"{len(distinct)} drives", "vary exactly one Harmonic drive", remedy)
-    shared = [(path, f) for path, f in found if f.frequency == drive[0].frequency]
-    loaded = any(path.startswith("loads") for path, _ in found)
-    if name == "amplitude" and loaded and any(path.startswith("contacts") for path, _ in shared):
+    shared = [(keys, f) for keys, f in found if f.frequency == drive[0].frequency]
+    loaded = any(keys[0] == "loads" for keys, _ in found)
+    if name == "amplitude" and loaded and any(keys[0] == "contacts" for keys, _ in shared):
         rule = "have no stops that move at the drive's frequency"
         raise InputError("system", "moving stops", rule, "name one by its path: loads[0].time.amplitude")
-    return [f"{path}.{name}" for path, f in shared if name == "frequency" or f in drive]
+    return [(*keys, name) for keys, f in shared if name == "frequency" or f in drive]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, wraps
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,8 @@ from .system import System, require_system
 EPS = float(np.finfo(float).eps)
 PASSES = 5
 GRADED = 0.5  # least eigenvalue of S with its diagonal scaled to ones: from there on all squares have their digits
-SPLIT = 2.0**27 + 1.0  # cuts 53 bits into 26 and 26
-SMALL = 100  # unknowns up to which all pairs are refined, which takes a second at 200
+SLICES = 6  # of the digits of a factor, more than 20 bits each
+SMALL = 100  # unknowns up to which all pairs are refined
 SUMMED = 8.0  # times sqrt(n) eps of its terms: more than twice what sums of n^2 of them have been seen to lose
 ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that much are left as they are
 
@@ -145,16 +145,12 @@ def _kept(of_system: Callable[[System], Any]) -> Callable[[System], Any]:
 @np.errstate(over="ignore")  # refused by ``_within_float64``
 def undamped_modes(system: System) -> Modes:
     """The modes of ``system`` without its damping, which always decouple."""
-    into, back = _root(system.mass)
-    factor = system.stiffness_factor
-    # A start by singular values of a factor of K, which lose w_max/w_1 instead of its square, or by eigenvalues.
-    if factor is not None:
-        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
-        squares, vectors = omega[::-1] ** 2, vectors[::-1].T
-    else:
-        scaled = 0.5 * into(into(system.stiffness).T)
-        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
-    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))
+    try:
+        squares, vectors = scipy.linalg.eigh(system.stiffness, system.mass, driver="gvd", check_finite=False)
+    except np.linalg.LinAlgError:  # of entries that have overflown
+        squares = vectors = np.full((1, 1), np.inf)
+    start, factor = _within_float64("stiffness", squares), system.stiffness_factor
+    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, start, vectors)
     omega = np.sqrt(np.maximum(squares, 0.0))
     shapes = shapes * np.where(_largest(shapes) < 0.0, -1.0, 1.0)  # equal systems have equal modes
     return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
@@ -200,11 +196,9 @@ def _complex_modes(system: System) -> Modes:
     # In undamped modes the matrices are diagonal but for the damping.
     basis = undamped_modes(system)
     n, scale = system.size, np.where(basis.omega > 0.0, basis.omega, 1.0)
+    damping = basis.shapes.T @ system.damping @ basis.shapes
     # z = (scale eta, eta'): entries of one size, so that the slow eigenvalues are as good as the fast ones.
-    A = np.zeros((2 * n, 2 * n))
-    A[:n, n:] = np.diag(scale)
-    A[n:, :n] = -np.diag(basis.omega**2 / scale)
-    A[n:, n:] = -basis.shapes.T @ system.damping @ basis.shapes
+    A = np.block([[np.zeros((n, n)), np.diag(scale)], [-np.diag(basis.omega**2 / scale), -damping]])
     values, left, vectors = (np.asarray(part, complex) for part in scipy.linalg.eig(A, left=True))
     # One of each conjugate pair, and the real ones.
     kept = np.imag(values) >= 0.0
@@ -212,7 +206,7 @@ def _complex_modes(system: System) -> Modes:
     x, y = vectors[:n] / scale[:, None], np.conj(left[n:, kept])
     # An algorithm errs by eps of the largest eigenvalue in all of them: two of Newton's steps on the stationary form
     # y^T (lambda^2 + lambda D + Omega^2) x, which is as good as a slow motion is slow; none where it is flat.
-    a, b, c = (np.sum(y * z, axis=0) for z in (x, -A[n:, n:] @ x, basis.omega[:, None] ** 2 * x))
+    a, b, c = (np.sum(y * z, axis=0) for z in (x, damping @ x, basis.omega[:, None] ** 2 * x))
     for _ in range(2):
         slope = 2.0 * a * values + b
         single = np.abs(slope) > 1e-2 * (2.0 * np.abs(a * values) + np.abs(b))
@@ -239,17 +233,6 @@ def _within_float64(name: str, scaled: Array) -> Array:
         remedy = "count length, time or mass in other units"
         raise InputError(name, "1e300 or more beside its mass", "be in the range of float64 over the mass", remedy)
     return scaled
-
-
-def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """x -> R^-T x and x -> R^-1 x of M = R^T R."""
-    diagonal = np.diag(mass)
-    # n entries of a definite matrix stand on its diagonal, which has none that is zero.
-    if np.count_nonzero(mass) == len(mass):
-        root = np.sqrt(diagonal)[:, None]
-        return lambda x: x / root, lambda x: x / root
-    upper = scipy.linalg.cholesky(mass)
-    return partial(scipy.linalg.solve_triangular, upper, trans=1), partial(scipy.linalg.solve_triangular, upper)
 
 
 def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence[float]) -> Array:
@@ -310,10 +293,8 @@ def graded_eigenpairs(
     vectors were too far off, and the better ones are the next start. Of more than SMALL unknowns only the slow pairs
     are refined, within the space that they span.
     """
-    # The solver errs by n eps of the largest square, with a factor of the largest root: those below have more than
-    # ENOUGH of error.
-    known = squares if factor is None else np.sqrt(squares)
-    slow = len(X) if len(X) <= SMALL else int(np.count_nonzero(known < EPS * len(X) / ENOUGH * known[-1]))
+    # The solver errs by n eps of the largest square: those below have more than ENOUGH of error.
+    slow = len(X) if len(X) <= SMALL else int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
     if not slow:
         return squares, X
     fast, (X, rest) = squares[slow:], np.split(X, [slow], axis=1)
@@ -360,7 +341,7 @@ def uncoupled(A: Any, X: Array, projected: Array, rigid: Array) -> Array:
 
 def congruence(A: Array, X: Array) -> Array:
     """X^T A X, each entry as if summed with twice the digits and rounded once."""
-    shift = np.floor(np.log2(float(np.max(np.abs(A))) or 1.0))  # 2^27 times it has to stay finite
+    shift = np.floor(np.log2(float(np.max(np.abs(A))) or 1.0))  # 2^52 times it has to stay finite
     high, low = product(np.ldexp(A, -int(shift)), X)
     total, rest = product(X.T, high)
     return np.ldexp(total + (rest + X.T @ low), int(shift))
@@ -373,28 +354,29 @@ def gram(high: Array, low: Array) -> Array:
 
 
 def product(A: Array, B: Array) -> tuple[Array, Array]:
-    """A B as the unrounded sum of two matrices: the dot products of Ogita, Rump and Oishi (SIAM J. Sci. Comput.
-    26, 2005), with an error of eps^2 |A| |B|."""
+    """A B as the unrounded sum of two matrices, for products of slices of the digits have no rounding (Ozaki, Ogita,
+    Oishi and Rump, Numer. Algorithms 59, 2012). Below 2^-100 of the largest in row times the largest in column."""
+    bits = int(53.0 - np.ceil(np.log2(A.shape[1]))) // 2  # so that sums of products have 53
+    left, right = _slices(A, bits), _slices(B.T, bits)
     high, low = np.zeros((2, len(A), B.shape[1]))
-    # Column by row: the sum of n rank-one products, whose roundings are summed beside it.
-    for a, b in zip(A.T[:, :, None], B[:, None, :], strict=True):
-        term = a * b
-        # The rounding of every product, exactly (Dekker).
-        (a1, a2), (b1, b2) = _halves(a), _halves(b)
-        lost = a2 * b2 - (((term - a1 * b1) - a2 * b1) - a1 * b2)
-        # The rounding of every sum, exactly (Knuth).
+    for i, j in ((i, both - i) for both in range(SLICES) for i in range(both + 1)):
+        term = left[i] @ right[j].T
+        # The rounding of the sum, exactly (Knuth).
         total = high + term
         back = total - high
-        low += ((high - (total - back)) + (term - back)) + lost
+        low += (high - (total - back)) + (term - back)
         high = total
     return high, low
 
 
-def _halves(x: Array) -> tuple[Array, Array]:
-    """x = x1 + x2 with half the bits each, so that products of halves are exact."""
-    big = SPLIT * x
-    upper = big - (big - x)
-    return upper, x - upper
+def _slices(A: Array, bits: int) -> list[Array]:
+    """A as a sum of matrices with that many bits, counted from the largest entry of each row."""
+    slices = []
+    for _ in range(SLICES):
+        unit = np.ldexp(1.5, np.frexp(np.max(np.abs(A), axis=1, keepdims=True))[1] + 52 - bits)
+        slices.append((A + unit) - unit)
+        A = A - slices[-1]
+    return slices
 
 
 def graded_eigh(S: Array, least: Array) -> tuple[Array, Array, float]:

@@ -25,10 +25,10 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.validation import InputError, integer
+from ..basics.validation import InputError, integer, vector
 from .contact import Contact
 from .modes import damping_ratios, uncoupled
-from .system import ModelData, System, contacts_of, finite_vector, loads_of, unsymmetric
+from .system import ModelData, System, contacts_of, loads_of, unsymmetric
 from .time_functions import LoadFunction
 
 DENSE = 600  # unknowns up to which all modes are computed: Lanczos' method needs more than it looks for
@@ -96,8 +96,7 @@ def reduce_model(
         raise InputError("stiffness", K.shape, f"have the shape of the mass, {M.shape}", "give one for each unknown")
     integer("modes", modes, 1)
     pairs, all_contacts = loads_of(loads, n), contacts_of(contacts, n)
-    vectors: Any = {x: data.get(x) for x in ("observe", "initial_displacement", "initial_velocity")}
-    vectors = {name: finite_vector(name, x, n) for name, x in vectors.items() if x is not None}
+    vectors = {name: vector(name, x, n) for name, x in data.items() if name != "units" and x is not None}
     rows = [*(p for p, _ in pairs), *(contact.row for contact in all_contacts)]
     rows = np.array(rows + [vectors[x] for x in vectors if x == "observe"]).reshape(-1, n).T
     T, squares, statics = _basis(M, K, rows, modes)

@@ -6,8 +6,8 @@ y' = A y + ..., contacts included, y = (q_1, q_1', ..., q_n, q_n'): the order of
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from functools import cached_property, partial
+from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import THROUGH, Equations, function_address
 from .beam import velocity_curvature_matrices
 from .contact import Law, channel_motion, channel_position, damps, laws, pressure
-from .time_functions import Drive, Sampled, breakpoints_of, evaluate, in_closed_form, parts_of, require_closed_form
+from .time_functions import Drive, breakpoints_of, evaluate, in_closed_form, leaves, require_closed_form
 
 if TYPE_CHECKING:
     from .system import System
@@ -101,13 +101,11 @@ class RightHandSide:
         rows = np.array([c.row for c in contacts]).reshape(m, system.size)
         pushes = on_velocities(np.array([divide(row) for row in rows]).reshape(rows.shape))
         # Functions of time: amplitudes of those in closed form, then of those that Python has to call.
-        drive, units = Drive.of(system), np.eye(m)
-        leaves = (f for function in system.time_functions for f in parts_of(function))
-        called = list({id(f): f for f in leaves if not in_closed_form(f)}.values())
-        loads = _amplitudes(drive, called, [(on_velocities(divide(p)), f) for p, f in system.loads], n)
-        power = _amplitudes(drive, called, [(on_velocities(p), f) for p, f in system.loads], n)
-        moving = [(units[i], c.offset) for i, c in enumerate(contacts) if c.offset is not None]
-        offsets = _amplitudes(drive, called, moving, m)
+        drive = Drive.of(system)
+        called = list({id(f): f for f in leaves(*system.time_functions) if not in_closed_form(f)}.values())
+        loads = drive.amplitudes([(on_velocities(divide(p)), f) for p, f in system.loads], n, called)
+        power = drive.amplitudes([(on_velocities(p), f) for p, f in system.loads], n, called)
+        offsets = drive.amplitudes(zip(np.eye(m), (c.offset for c in contacts), strict=True), m, called)
         of_offsets = np.any(offsets[len(offsets) - len(called) :], axis=1)
         self._called: list[Any] = [(f, getattr(f, "value", f), x) for f, x in zip(called, of_offsets, strict=True)]
         # Rows of the velocity and acceleration of every contact. With E on the left C has E y': they take E^-1 along.
@@ -198,25 +196,9 @@ class RightHandSide:
             z[-1] += np.sum(gained[[c.stops.dissipative for c in self.system.contacts]])
         return z
 
-    def channels(self, t: Array, y: Array) -> tuple[Array, Array]:
-        """Positions and velocities of the system's channels; y (k, m) at t (k,) -> (k, channels) each."""
-        motions = [channel_motion(row, o, t, y[:, ::2], y[:, 1::2]) for row, o in self.system.channels]
-        positions, velocities = (np.stack(x, axis=-1) for x in zip(*motions, strict=True))
-        return positions, velocities
-
     def _inside(self, t: float) -> float:
         first, last = self.window.tolist()
         return min(max(t, first), last)
-
-
-def _amplitudes(drive: Drive, called: list[Any], terms: Iterable[tuple[Array, Any]], width: int) -> Array:
-    """Amplitudes (d, width) of the harmonics and records in ``terms``, then of the functions that Python calls."""
-    basis, rest = drive.split(terms, width)
-    others = [*drive.records, *called]
-    amplitudes = np.zeros((len(others), width))
-    for vector, f in rest:  # records are equal by their numbers, other functions only themselves
-        amplitudes[next(k for k, x in enumerate(others) if x is f or (isinstance(x, Sampled) and x == f))] += vector
-    return np.concatenate([basis, amplitudes])
 
 
 # ---------------------------------------------------------------- in JAX, from the numbers that C reads
@@ -243,13 +225,7 @@ class Numbers(NamedTuple):
 
 def numbers_of(e: Equations) -> tuple[tuple[float, ...], Numbers]:
     """Exponents of the contacts, constants of a compiled program, and numbers of a right-hand side, its regime and
-    window those of now.
-
-    Raises InputError for functions of time that JAX cannot trace, and for one with a mass.
-    """
-    if e.called:
-        rule = "be made of Harmonic, Constant and Sampled for JAX"
-        raise InputError("time function", "a callable", rule, "use the adaptive solver cvode")
+    window those of now. Functions of time have to be in closed form: JAX cannot trace others."""
     (m, n), d = e.pushes.shape, len(e.loads)
     linear = np.zeros((n + 3 * m + d, n + 2 * d))
     rate, positions, velocities, offset_rates, power = np.split(linear, np.cumsum([n, m, m, m]))
@@ -344,8 +320,11 @@ class ODE:
         E; the identity in the explicit form.
     bandwidths : (int, int) or None
         Lower and upper bandwidth of ``jac`` and ``mass``; None where a banded solver does not pay.
-    events : tuple of Event
-        One per side of every contact that has a stop there: > 0 while the stop presses.
+    events : tuple of functions of (t, y)
+        One per side of every contact that has a stop there: > 0 while the stop presses. Each has the attributes
+        ``contact`` and ``side``, 1 upper or -1 lower, and SciPy's ``direction`` and ``terminal``. To restart there with
+        ``segment``, set terminal to True and direction to 1 where the contact is open, to -1 where it is closed:
+        otherwise SciPy stops at the event at which it starts.
     breakpoints : tuple of float
         Times at which a load or an offset is not smooth: samples of records, and those that a function states.
 
@@ -375,7 +354,7 @@ class ODE:
                 rule = f"hold -1, 0 or 1 for each of {len(self._rhs.regime)} contacts"
                 raise InputError("sides", sides, rule, "0 leaves a contact open, 1 closes its upper stop")
             self._rhs.regime[:] = given
-        self.events = tuple(Event(partial(self._pressed, k), *side) for k, side in enumerate(self._rhs.sides))
+        self.events = tuple(self._event(k, *side) for k, side in enumerate(self._rhs.sides))
 
     def __repr__(self) -> str:
         form = "" if self.form == FORMS[0] else f", {self.form}"
@@ -405,7 +384,7 @@ class ODE:
     def tip(self, t: ArrayLike, y: ArrayLike) -> Array:
         """Return the observed position, (k,), of k states at the times (k,)."""
         times, states = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(self._states(y))
-        return self._rhs.channels(times, states)[0][:, self.system.tip_channel]
+        return self.system.positions(times, states[:, ::2])[:, self.system.tip_channel]
 
     def segment(self, sides: ArrayLike) -> ODE:
         """Return the equation between two events, smooth on both sides of them.
@@ -420,8 +399,7 @@ class ODE:
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a load or an offset is not smooth."""
-        times = {t for function in self.system.time_functions for t in breakpoints_of(function).tolist()}
-        return tuple(sorted(times))
+        return tuple(breakpoints_of(*self.system.time_functions).tolist())
 
     @cached_property
     def cfunc(self) -> tuple[int, int]:
@@ -441,14 +419,20 @@ class ODE:
         Raises InputError where JAX works in single precision, and where a load or an offset is a Python function.
         """
         require_jax_float64()
+        require_closed_form(self.system.time_functions, "JAX")
         if self.form != FORMS[0]:
             raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
         exponents, numbers = numbers_of(self._rhs.equations)
         return lambda t, y, args=None: rate_with_integrals(exponents, t, y, numbers)
 
-    def _pressed(self, number: int, t: float, y: ArrayLike) -> float:
-        """Return the event function of this number."""
-        return float(self._rhs.event_functions(float(t), self._padded(y))[number])
+    def _event(self, number: int, contact: int, side: int) -> Any:
+        """The event function of this number."""
+
+        def pressed(t: float, y: ArrayLike) -> float:
+            return float(self._rhs.event_functions(float(t), self._padded(y))[number])
+
+        vars(pressed).update(contact=contact, side=side, direction=0.0, terminal=False)
+        return pressed
 
     def _states(self, y: ArrayLike) -> Array:
         """``y`` as (n,) or (k, n). Raises InputError where k = n leaves open which axis is which."""
@@ -463,30 +447,3 @@ class ODE:
         z = np.zeros(self._rhs.size)
         z[: self._n] = y
         return z
-
-
-class Event:
-    """Entry into a stop and exit from it: a function of (t, y), > 0 while the stop presses, with SciPy's attributes.
-
-    Attributes
-    ----------
-    contact, side : int
-        Index of the contact; 1 for its upper stop, -1 for the lower one.
-    direction : float
-        0: zeros in both directions.
-    terminal : bool
-        False; set it to True to restart there with ``ODE.segment``, and ``direction`` to 1 where the contact is open,
-        to -1 where it is closed: otherwise SciPy stops at the event at which it starts.
-    """
-
-    def __init__(self, value: Callable[[float, ArrayLike], float], contact: int, side: int) -> None:
-        self._value = value
-        self.contact, self.side = contact, side
-        self.direction, self.terminal = 0.0, False
-
-    def __repr__(self) -> str:
-        return f"<Event of contact {self.contact}, {'upper' if self.side > 0 else 'lower'} stop>"
-
-    def __call__(self, t: float, y: ArrayLike) -> float:
-        """Return the event function at one time and state."""
-        return self._value(t, y)

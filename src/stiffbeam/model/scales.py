@@ -10,7 +10,7 @@ from ..basics.arrays import Array
 from .contact import Contact, chord, depth_holding, depth_under, stored
 from .modes import undamped_modes
 from .system import System
-from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, parts, parts_of
+from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, parts
 
 UNNOTICED = 0.1  # (rate t_end)^2/12 below 1e-3: a force that turns a mode so slowly does not show in the run
 SAMPLES = 4001  # of a function in Python, over a run
@@ -54,18 +54,15 @@ class Scales:
 @np.errstate(over="ignore")  # a speed of inf is refused by those who need one
 def scales(system: System, t_end: float = np.inf) -> Scales:
     """The scales of a run of ``system`` to t_end, inf where it is not known."""
-    basis = undamped_modes(system)
+    basis, drive, largest = undamped_modes(system), Drive.of(system), _speed(system, t_end)
     # Constant loads in modal coordinates: a mode flies against them with the speed V.
-    constant = np.zeros(len(basis.omega))
-    for vector, function in system.loads:
-        constant = constant + basis.force(vector) * _constant(function)
-    largest = _speed(system, t_end)
+    constant = basis.force(drive.split(system.loads, system.size)[0][0])
     # A mode turns by its stiffness, or against the constant loads.
     rates = np.maximum(basis.omega, 0.0 if largest == 0.0 else np.abs(constant) / largest)
     drifts = rates <= UNNOTICED / t_end
     # Modes that neither turns within the run: gaps, contacts and drives do.
     if np.any(drifts):
-        others, least = list(Drive.of(system).frequencies), np.full(len(rates), np.inf)
+        others, least = list(drive.frequencies), np.full(len(rates), np.inf)
         for contact in system.contacts:
             stops, law = contact.stops, contact.stops.coefficients
             if not stops.rigid:  # by the spring with the same force where the stop holds the energy V^2/2
@@ -101,8 +98,8 @@ def _speed(system: System, t_end: float) -> float:
                 reach = np.minimum(np.minimum(amplitude / fastest, impulse), amplitude * t_end)
             gained = np.multiply(np.abs(force), reach, out=np.zeros_like(force), where=force != 0.0)
             if frequency == 0.0:  # a push that lasts, which a stop ends
-                steady = all(isinstance(f, Constant) for f in parts_of(function))
-                signs = [np.sign(_constant(function))] if steady else [1.0, -1.0]
+                levels = [factor * f.level for factor, f in parts(function) if isinstance(f, Constant)]
+                signs = [np.sign(sum(levels))] if len(levels) == len(parts(function)) else [1.0, -1.0]
                 falls = [_fall(system, force, sign * amplitude) for sign in signs]
                 # What lies on a stop is lifted by a load of both signs.
                 fall = np.min(falls, axis=0)
@@ -133,11 +130,6 @@ def _fall(system: System, force: Array, level: float) -> Array:
             gap = max(side * (bound - float(u)), 0.0)
             square[towards] = np.minimum(square[towards], 2.0 * (pressed * (gap + depth) - held))
     return np.where(force == 0.0, 0.0, np.sqrt(square))
-
-
-def _constant(function: LoadFunction) -> float:
-    """The level of the constant terms of a load."""
-    return sum(factor * f.level for factor, f in parts(function) if isinstance(f, Constant))
 
 
 def _mobility(system: System, contact: Contact) -> float:

@@ -44,19 +44,16 @@ Along = Callable[[Array], ArrayLike]  # a function of x
 class Grid:
     """Matrices of a beam on a grid, and the virtual work of what acts along x on v.
 
-    stiffness_factor: G with G^T G = stiffness. tip: the row of u(L, t), or of the middle where the end is held.
-    row: of v at x = share L. work: int f v dx of a function f of x. inertia: the work of -phi''. bending: that of EI
-    phi, over EI. values: the unknowns of a function of x.
+    stiffness_factor: G with G^T G = stiffness. row: of v at x = share L. work: int f v dx of a function f of x.
+    bending: the work of EI phi, over EI. values: the unknowns of a function of x.
     """
 
     mass: Array
     damping: Array
     stiffness: Array
     stiffness_factor: Array
-    tip: Array
     row: Callable[[float], Array]
     work: Callable[[Along], Array]
-    inertia: Array
     bending: Array
     values: Callable[[Along], Array]
 
@@ -129,7 +126,8 @@ def semidiscretise(problem: BeamProblem, cells: int, form: str = "displacement")
 def _system(problem: BeamProblem, form: str, cells: int, grid: Grid) -> System:
     """The system of a grid: its loads, contacts and start v(x, 0) = u0 - phi(0) (1 - (x/L)^2), v_t alike."""
     contacts = tuple(_contact(problem, stops, grid.row) for stops in problem.all_stops)
-    reads_tip = bool(contacts) and contacts[0].offset is None and np.array_equal(contacts[0].row, grid.tip)
+    tip = grid.row(1.0 if problem.ends[1] == "free" else 0.5)
+    reads_tip = bool(contacts) and contacts[0].offset is None and np.array_equal(contacts[0].row, tip)
     phi, L = problem.base, problem.length
     base, speed = (0.0, 0.0) if phi is None else (float(phi.value(0.0)), float(phi.rate(0.0)))
     u0, v0 = problem.initial_displacement, problem.initial_velocity
@@ -139,7 +137,7 @@ def _system(problem: BeamProblem, form: str, cells: int, grid: Grid) -> System:
         stiffness=grid.stiffness,
         loads=_loads(problem, grid),
         contacts=contacts,
-        observe=None if reads_tip else grid.tip,
+        observe=None if reads_tip else tip,
         q0=grid.values(lambda x: (base if u0 is None else u0(x)) - base * (1.0 - (x / L) ** 2)),
         v0=grid.values(lambda x: (0.0 if v0 is None else v0(x)) - speed * (1.0 - (x / L) ** 2)),
     )
@@ -160,8 +158,9 @@ def _loads(problem: BeamProblem, grid: Grid) -> tuple[tuple[Array, LoadFunction]
     loads: list[tuple[Array, LoadFunction]] = []
     phi = problem.base
     if phi is not None:  # of a clamped-free beam
-        loads += [(grid.inertia, derivative(phi, 2)), (problem.stiffness * grid.bending, phi)]
-        drag = problem.viscosity * grid.bending + problem.mass_damping * grid.inertia
+        inertia = -problem.mass_per_length * grid.work(lambda x: 1.0 - (x / problem.length) ** 2)
+        loads += [(inertia, derivative(phi, 2)), (problem.stiffness * grid.bending, phi)]
+        drag = problem.viscosity * grid.bending + problem.mass_damping * inertia
         if np.any(drag):
             loads.append((drag, derivative(phi, 1)))
     for load in problem.loads:
@@ -179,10 +178,8 @@ def _nodal(problem: BeamProblem, weights: Array, bending: Array, **matrices: Arr
         return np.broadcast_to(np.asarray(f(x), float), x.shape) + 0.0
 
     return Grid(
-        tip=np.eye(M)[-1],
         row=lambda share: hat(share, M),
         work=lambda f: _weighted(weights, values(f)),
-        inertia=-problem.mass_per_length * _weighted(weights, 1.0 - (np.arange(1, M + 1) / M) ** 2),
         bending=bending,
         values=values,
         **matrices,
@@ -305,10 +302,8 @@ def _hermite(problem: BeamProblem, M: int) -> Grid:
         damping=0.5 * (damping + damping.T),
         stiffness=stiffness,
         stiffness_factor=np.sqrt(problem.stiffness / h**3) * factor[:, free],
-        tip=tip,
         row=row,
         work=work,
-        inertia=-problem.mass_per_length * work(lambda x: 1.0 - (x / L) ** 2),
         bending=2.0 / L**2 * slope,
         values=values,
     )

@@ -17,9 +17,9 @@ from ..basics.arrays import Array, read_only, same
 from ..basics.resources import afford
 from ..basics.text import several
 from ..basics.units import Units, units_labels
-from ..basics.validation import Frozen, InputError, as_doubles, constants, exact_parts, instance, sequence
+from ..basics.validation import Frozen, InputError, as_doubles, constants, exact_parts, instance, sequence, vector
 from .beam import beam_field
-from .contact import Contact, Stops, channel_position
+from .contact import Contact, Stops, channel_motion, channel_position
 from .problem import BeamProblem
 from .time_functions import LoadFunction, TimeFunction, description, evaluate, time_function
 
@@ -88,15 +88,6 @@ def _least(matrix: Array) -> float:
         return float(np.linalg.eigvalsh(scaled)[0])
 
 
-def finite_vector(name: str, vector: ArrayLike, n: int) -> Array:
-    """``vector`` as a read-only float array (n,); InputError where it is not n finite numbers."""
-    array = constants(name, vector)
-    array = array if array.ndim == 1 else read_only(array.ravel())
-    if array.shape != (n,):
-        raise InputError(name, array, f"be {n} finite numbers", "one per unknown")
-    return array
-
-
 def contacts_of(contacts: Any, n: int) -> tuple[Contact, ...]:
     """``contacts`` as a tuple; InputError where one is no Contact on n unknowns."""
     rule, remedy = "hold Contact(row, stops) only", "for none write ()"
@@ -114,7 +105,7 @@ def loads_of(loads: Any, n: int) -> tuple[tuple[Array, LoadFunction], ...]:
     for load in sequence("loads", loads, rule, "for none write ()"):
         if not isinstance(load, (tuple, list)) or len(load) != 2:
             raise InputError("loads", load, rule, "for example ([0, 0, 1], Constant(1.0))")
-        checked.append((finite_vector("loads", load[0], n), time_function("loads", load[1])))
+        checked.append((vector("loads", load[0], n), time_function("loads", load[1])))
     return tuple(checked)
 
 
@@ -235,18 +226,18 @@ class System(Frozen):
         n = len(mass)
         damping, stiffness = (checked_matrix(x, getattr(self, x), n) for x in ("damping", "stiffness"))
         contacts, loads = contacts_of(self.contacts, n), loads_of(self.loads, n)
-        if self.observe is None and not contacts:
+        observe = None if self.observe is None else vector("observe", self.observe, n)
+        if observe is None and not contacts:
             rule = "name the row of .tip where there is no contact"
             raise InputError("observe", None, rule, "pass observe=row, a one at the unknown to be seen")
-        if self.observe is not None and not np.any(finite_vector("observe", self.observe, n)):
-            raise InputError("observe", self.observe, "not be all zero", "a one at the unknown to be seen")
+        if observe is not None and not np.any(observe):
+            raise InputError("observe", observe, "not be all zero", "a one at the unknown to be seen")
         if self.origin is not None:
             instance("origin", self.origin, Origin, "take that of a system from semidiscretise")
         # The checked copies take the place of the arguments.
         vars(self).update(
-            mass=mass, damping=damping, stiffness=stiffness, loads=loads, contacts=contacts,
-            observe=None if self.observe is None else finite_vector("observe", self.observe, n),
-            q0=finite_vector("initial_displacement", self.q0, n), v0=finite_vector("initial_velocity", self.v0, n),
+            mass=mass, damping=damping, stiffness=stiffness, loads=loads, contacts=contacts, observe=observe,
+            q0=vector("initial_displacement", self.q0, n), v0=vector("initial_velocity", self.v0, n),
             units=units_labels(self.units),
         )  # fmt: skip
         if self.origin is not None and not self.units and self.origin.has_matrices_of(self):
@@ -356,15 +347,18 @@ class System(Frozen):
 
     def load(self, t: ArrayLike) -> Array:
         """sum_k p_k f_k(t); shape t.shape + (n,)."""
-        t = np.asarray(t, float)
-        total = np.zeros((*t.shape, self.size))
-        for vector, function in self.loads:
-            total += evaluate(function, t)[..., None] * vector
-        return total
+        forces = (np.multiply.outer(evaluate(function, t), row) for row, function in self.loads)
+        return sum(forces, np.zeros((*np.shape(t), self.size)))
 
     def positions(self, t: ArrayLike, q: Array) -> Array:
         """row q + o(t) of every channel; q of shape t.shape + (n,) gives t.shape + (channels,)."""
         return np.stack([channel_position(row, offset, t, q) for row, offset in self.channels], axis=-1)
+
+    def motions(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array]:
+        """``positions`` of every channel, and their rates."""
+        each = [channel_motion(row, offset, t, q, v) for row, offset in self.channels]
+        positions, velocities = (np.stack(x, axis=-1) for x in zip(*each, strict=True))
+        return positions, velocities
 
     def energies(self, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """(1/2 q'^T M q', 1/2 q^T K q, sum_c U_c), each t.shape; q, v of shape t.shape + (n,)."""
@@ -418,7 +412,7 @@ class System(Frozen):
 
     def _content(self, read: Callable[[Any], Any] = lambda value: value) -> dict[str, bytes]:
         """Content of the fingerprint by name; with ``read`` = as_doubles the values in float64."""
-        loads = (vector.tobytes() + description(read(function)).encode() for vector, function in self.loads)
+        loads = (row.tobytes() + description(read(function)).encode() for row, function in self.loads)
         contacts = (
             c.row.tobytes() + repr(read(c.stops)).encode() + description(read(c.offset)).encode() for c in self.contacts
         )

@@ -20,7 +20,7 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers, one_of
 from .members import value_at, with_values
 from .system import System
-from .time_functions import Constant, Harmonic, LoadFunction, Sampled, parts, require_closed_form
+from .time_functions import Constant, Harmonic, LoadFunction, Sampled, leaves, parts, require_closed_form
 
 WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16, 20, 24))  # steps of differences, of the parameter
 ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
@@ -71,12 +71,12 @@ def data_of(system: System) -> SystemData:
     """The numbers of a system. Raises InputError for functions of time that are not in closed form."""
     n, m = system.size, len(system.contacts)
     loads, offsets = load_terms(system), offset_terms(system)
-    leaves = [leaf for _, leaf in loads] + [leaf for _, _, leaf in offsets]
-    require_closed_form(leaves, "a derivative", "sample it with stiffbeam.Sampled")
+    terms = leaves(*system.time_functions)
+    require_closed_form(terms, "a derivative", "sample it with stiffbeam.Sampled")
     stops = [contact.stops for contact in system.contacts]
     finite = lambda g: g if np.isfinite(g) else 0.0  # noqa: E731
-    harmonics = [(f.amplitude, f.frequency, f.phase) for f in leaves if isinstance(f, Harmonic)]
-    records = [f.pieces for f in leaves if isinstance(f, Sampled)]
+    harmonics = [(f.amplitude, f.frequency, f.phase) for f in terms if isinstance(f, Harmonic)]
+    records = [f.pieces for f in terms if isinstance(f, Sampled)]
     return SystemData(
         mass=system.mass,
         damping=system.damping,
@@ -91,7 +91,7 @@ def data_of(system: System) -> SystemData:
         loads=np.array([vector for vector, _ in loads]).reshape(len(loads), n),
         factors=np.array([factor for _, factor, _ in offsets], float),
         harmonics=np.array(harmonics, float).reshape(-1, 3),
-        constants=np.array([f.level for f in leaves if isinstance(f, Constant)], float),
+        constants=np.array([f.level for f in terms if isinstance(f, Constant)], float),
         records=np.concatenate(records) if records else np.zeros((0, 4)),
         q0=system.q0,
         v0=system.v0,
@@ -100,11 +100,9 @@ def data_of(system: System) -> SystemData:
 
 def _structure(system: System) -> list[object]:
     """All data of a system that are not numbers. With respect to these there is no derivative."""
-    leaves = [leaf for _, leaf in load_terms(system)] + [leaf for _, _, leaf in offset_terms(system)]
-    kinds = [(type(f), f.t.tobytes(), f.degree) if isinstance(f, Sampled) else type(f) for f in leaves]
-    sides = [
-        (np.isfinite(c.stops.lower_bound), np.isfinite(c.stops.upper_bound), c.stops.rigid) for c in system.contacts
-    ]
+    terms = leaves(*system.time_functions)
+    kinds = [(type(f), f.t.tobytes(), f.degree) if isinstance(f, Sampled) else type(f) for f in terms]
+    sides = [([side for side, _ in c.stops.sides], c.stops.rigid) for c in system.contacts]
     return [*kinds, *sides, system.size]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.validation import Frozen, InputError, constants, exact_value, number, numbers, one_of, positive
+from ..basics.validation import Frozen, InputError, constants, exact_value, integer, number, numbers, one_of, positive
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -213,10 +213,9 @@ class Sampled(Derivable):
             at = int(np.argmin(steps > 0.0))
             remedy = "for a jump give two samples at times close to each other"
             raise InputError("sampled.t", float(self.t[at + 1]), f"increase: it follows {self.t[at]:g}", remedy)
-        order = self.derivative
-        if isinstance(order, bool) or not isinstance(order, int) or not 0 <= order <= KINDS[self.kind]:
-            rule = f"be an integer from 0 to {KINDS[self.kind]} for kind={self.kind!r}"
-            raise InputError("derivative", order, rule, "0 is the function itself")
+        if integer("derivative", self.derivative, 0) > KINDS[self.kind]:
+            rule = f"be at most {KINDS[self.kind]} for kind={self.kind!r}, beyond which there are jumps"
+            raise InputError("derivative", self.derivative, rule, 'take samples of kind "cubic"')
         self._whole  # noqa: B018  which refuses slopes that overflow
 
     def __eq__(self, other: object) -> bool:
@@ -281,17 +280,13 @@ class Sampled(Derivable):
 
     def _at(self, t: ArrayLike, order: int) -> Array:
         if order > self.degree:
-            jump = "slopes jump" if order > 1 else "values jump"
-            rule = f"have a derivative of order {order}: its {jump} at the samples"
-            raise InputError("a sampled time function", f"kind={self.kind!r}", rule, 'take samples of kind "cubic"')
+            self.derived(order)  # raises InputError
         t = np.asarray(t, float)
         self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
         return np.asarray(self._whole(t, self.derivative + order))
 
     def derived(self, times: int) -> Sampled:
         """f' or f''. Raises InputError where that would hold impulses."""
-        if times > self.degree:
-            self._at(self.t[0], times)
         return Sampled(self.t, self.values, self.kind, self.derivative + times)
 
 
@@ -366,23 +361,23 @@ def parts(function: LoadFunction | None) -> tuple[tuple[float, LoadFunction], ..
     return () if function is None else ((1.0, function),)
 
 
-def parts_of(function: LoadFunction | None) -> tuple[LoadFunction, ...]:
-    """The functions of ``parts`` without their factors."""
-    return tuple(f for _, f in parts(function))
+def leaves(*functions: LoadFunction | None) -> list[LoadFunction]:
+    """The functions of ``parts`` of all these, without their factors."""
+    return [leaf for function in functions for _, leaf in parts(function)]
 
 
-def in_closed_form(function: LoadFunction | None) -> bool:
-    """Return True if the function is made of Harmonic, Constant and Sampled, whose numbers can be hashed and saved."""
-    return all(isinstance(part, KNOWN) for part in parts_of(function))
+def in_closed_form(*functions: LoadFunction | None) -> bool:
+    """Return True if they are made of Harmonic, Constant and Sampled, whose numbers can be hashed and saved."""
+    return all(isinstance(leaf, KNOWN) for leaf in leaves(*functions))
 
 
 def require_closed_form(
     functions: Iterable[LoadFunction | None], what: str, remedy: str = "use the adaptive solver cvode"
 ) -> None:
     """Raise InputError for a function that is not made of Harmonic, Constant and Sampled; what: needs such ones."""
-    for part in (part for function in functions for part in parts_of(function)):
-        if not isinstance(part, KNOWN):
-            raise InputError("time function", part, f"be made of Harmonic, Constant and Sampled for {what}", remedy)
+    for leaf in leaves(*functions):
+        if not isinstance(leaf, KNOWN):
+            raise InputError("time function", leaf, f"be made of Harmonic, Constant and Sampled for {what}", remedy)
 
 
 def derivative(function: TimeFunction, order: int) -> LoadFunction:
@@ -405,10 +400,9 @@ def derivative(function: TimeFunction, order: int) -> LoadFunction:
 
 def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
     """Raise InputError unless every Sampled among the functions has samples from 0 to ``t_end``."""
-    for function in functions:
-        for part in parts_of(function):
-            if isinstance(part, Sampled):
-                part.covers(0.0, t_end)
+    for leaf in leaves(*functions):
+        if isinstance(leaf, Sampled):
+            leaf.covers(0.0, t_end)
 
 
 def time_function(field: str, function: Any, moves: bool = False) -> Any:
@@ -458,15 +452,15 @@ def description(function: LoadFunction | None) -> str:
     return f"callable {_PROCESS} {id(function)}"
 
 
-def breakpoints_of(function: LoadFunction | None) -> Array:
-    """Times where a function of time is not smooth: samples of records, and what the attribute ``breakpoints`` of other
+def breakpoints_of(*functions: LoadFunction | None) -> Array:
+    """Times where one of these is not smooth: samples of records, and what the attribute ``breakpoints`` of other
     functions states, which a bare callable can carry too: ``f.breakpoints = (0.5, 0.502)``."""
     times = [np.zeros(0)]
-    for part in parts_of(function):
-        if isinstance(part, Derivative):
-            times.append(breakpoints_of(part.function))
+    for leaf in leaves(*functions):
+        if isinstance(leaf, Derivative):
+            times.append(breakpoints_of(leaf.function))
         else:
-            stated = part.t if isinstance(part, Sampled) else getattr(part, "breakpoints", None)
+            stated = leaf.t if isinstance(leaf, Sampled) else getattr(leaf, "breakpoints", None)
             times.append(times_of("breakpoints", () if stated is None else stated))
     return np.unique(np.concatenate(times))
 
@@ -530,10 +524,10 @@ class Drive:
         """The drive of all loads and all stop motions of ``system``; made once, since a system cannot change."""
         if "_drive" in vars(system):
             return vars(system)["_drive"]
-        leaves = [leaf for function in system.time_functions for leaf in parts_of(function)]
+        terms = leaves(*system.time_functions)
         # Frequencies are distinguished by their exact values, see the docstring of the class.
-        frequencies = {exact_value(f.frequency): f.frequency for f in leaves if isinstance(f, Harmonic)}
-        records = dict.fromkeys(f for f in leaves if isinstance(f, Sampled))
+        frequencies = {exact_value(f.frequency): f.frequency for f in terms if isinstance(f, Harmonic)}
+        records = dict.fromkeys(f for f in terms if isinstance(f, Sampled))
         return vars(system).setdefault("_drive", cls(tuple(sorted(frequencies.values())), tuple(records)))
 
     @property
@@ -556,7 +550,7 @@ class Drive:
             D[k, k + 1], D[k + 1, k] = frequency, -frequency
         return D
 
-    def split(self, terms: Iterable[Term], width: int) -> tuple[Array, list[Term]]:
+    def split(self, terms: Iterable[tuple[Array, LoadFunction | None]], width: int) -> tuple[Array, list[Term]]:
         """sum_k p_k f_k(t) = g(t) @ basis + sum over the rest; basis is (d, width).
 
         A Superposition is taken term by term. The rest are the terms that are neither Harmonic nor Constant.
@@ -576,17 +570,25 @@ class Drive:
 
     def offsets(self, system: System) -> tuple[Array, list[Term]]:
         """The channel offsets o_c(t) as ``split``: basis (d, channels)."""
-        units = np.eye(len(system.channels))
-        terms = [(units[c], o) for c, (_, o) in enumerate(system.channels) if o is not None]
-        return self.split(terms, len(system.channels))
+        channels = system.channels
+        return self.split(zip(np.eye(len(channels)), (o for _, o in channels), strict=True), len(channels))
 
-    def recorded(self, rest: Iterable[Term], width: int) -> Array:
-        """The rest of ``split`` as amplitudes of the records, (R, width). Raises InputError for a term that is none."""
-        amplitudes = np.zeros((len(self.records), width))
-        for vector, function in rest:
-            require_closed_form([function], "a closed form")
-            amplitudes[self.records.index(function)] += vector  # type: ignore[arg-type]
-        return amplitudes
+    def amplitudes(
+        self, terms: Iterable[tuple[Array, LoadFunction | None]], width: int, called: Sequence[Any] = ()
+    ) -> Array:
+        """Amplitudes of g(t), of the records, and of the functions ``called``, in a sum of terms: (.., width).
+
+        Raises InputError for a term that is none of these.
+        """
+        basis, rest = self.split(terms, width)
+        others = [*self.records, *called]
+        amplitudes = np.zeros((len(others), width))
+        for vector, f in rest:  # records are equal by their numbers, other functions only themselves
+            at = [k for k, x in enumerate(others) if x is f or (isinstance(x, Sampled) and x == f)]
+            if not at:
+                require_closed_form([f], "a closed form")
+            amplitudes[at[0]] += vector
+        return np.concatenate([basis, amplitudes])
 
     @cached_property
     def edges(self) -> Array:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array
 from ..basics.storage import content_hash, write_netcdf, write_whole
-from ..basics.text import plain, table
+from ..basics.text import plain
 from ..basics.units import Units, unit_of
 from ..basics.validation import InputError, file_path
 from ..model.members import STARTS, SYSTEMS
@@ -143,6 +143,8 @@ def notes_of(name: str, units: Units) -> dict[str, str]:
 def frame_of(values: Values, index: str, units: Units | None = None, **attributes: Any) -> pandas.DataFrame:
     """The table with one row for each entry of the dimension ``index``: a column for each variable along it, and
     ``contact_force_0``, ``contact_force_1`` for one that every contact has. attrs: units by column, and more."""
+    import pandas
+
     columns: dict[str, Any] = {}
     unit: dict[str, str] = {}
     for name, (dims, array) in values.items():
@@ -153,7 +155,8 @@ def frame_of(values: Values, index: str, units: Units | None = None, **attribute
         columns |= each
         if units is not None and name in BY_NAME:
             unit |= dict.fromkeys(each, notes_of(name, units).get("units", ""))
-    frame = table(columns, attributes | ({"units": unit} if units is not None else {}))
+    frame = pandas.DataFrame(columns)
+    frame.attrs.update(attributes | ({"units": unit} if units is not None else {}))
     return frame.set_index(index) if index in columns else frame.rename_axis(index)
 
 

@@ -59,7 +59,7 @@ def reference_from(
     result = solve(t)
     z = np.array(result.states)
     y = z[:, : rhs.states]
-    positions, velocities = rhs.channels(t, y)
+    positions, velocities = system.motions(t, y[:, ::2], y[:, 1::2])
     tip, end = system.tip_channel, intervals[-1].end
     evaluate, state_at = _answers(solve, rhs, end, t, y)
     # Record of how the solution was computed.
@@ -69,7 +69,7 @@ def reference_from(
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
         "intervals": len(intervals),
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
-        **({} if all(map(in_closed_form, system.time_functions)) else {"functions_seen_every": max(bounds)}),
+        **({} if in_closed_form(*system.time_functions) else {"functions_seen_every": max(bounds)}),
     }
     return Reference(
         t=t,
@@ -125,7 +125,7 @@ def _answers(solve: Callable[[Array], Path], rhs: RightHandSide, end: float, t: 
         return y[np.searchsorted(known, times)]
 
     def evaluate(times: Array, channel: int) -> tuple[Array, Array]:
-        u, v = rhs.channels(times, at(times))
+        u, v = rhs.system.motions(times, *state_at(times))
         return u[:, channel], v[:, channel]
 
     def state_at(times: Array) -> tuple[Array, Array]:
@@ -142,7 +142,7 @@ def _ledger(rhs: RightHandSide, t: Array, z: Array, positions: Array) -> Ledger:
     (given, taken), of_stops = z[:, rhs.states : rhs.states + 2].T, np.zeros(len(z))
     if rhs.damped:
         # The integral is dissipated plus stored energy. What a stop stored at t = 0 it never absorbed.
-        start, _ = rhs.channels(np.zeros(1), rhs.z0[None, : rhs.states])
+        start = system.positions(np.zeros(1), system.q0[None])
         of_stops = z[:, -1].copy()
         for i, contact in enumerate(system.contacts):
             if contact.stops.dissipative:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...basics.validation import positive
 from ...model.system import System
-from ...model.time_functions import Harmonic, Sampled, breakpoints_of, covered, in_closed_form, parts_of, times_of
+from ...model.time_functions import Harmonic, Sampled, breakpoints_of, covered, in_closed_form, leaves, times_of
 from ..registry import Steps
 
 PERIODS_PER_STEP = 0.25  # of a Harmonic
@@ -41,19 +41,19 @@ def smooth_intervals(system: System, t_end: float, steps: Steps) -> list[Interva
     """Cut [0, t_end] for the loads and contact offsets of ``system``."""
     covered(system.time_functions, t_end)
     # Parts of all functions of time, each once: harmonics, records, and Python functions.
-    functions = {id(part): part for function in system.time_functions for part in parts_of(function)}.values()
+    functions = {id(leaf): leaf for leaf in leaves(*system.time_functions)}.values()
     records = [f for f in functions if isinstance(f, Sampled)]  # polynomials between their samples
     cubic = any(f.kind == "cubic" for f in records)
     longest = math.inf if steps.max_step is None else positive("max_step", steps.max_step)
     # A harmonic load bounds the step too: error control sees a load at the steps only.
     frequencies = [f.frequency for f in functions if isinstance(f, Harmonic) and f.amplitude]
     longest = min([longest, *(PERIODS_PER_STEP * 2.0 * math.pi / w for w in frequencies)])
-    if not all(map(in_closed_form, functions)):
+    if not in_closed_form(*functions):
         longest = min(longest, t_end / STEPS_OF_FUNCTIONS)
     if steps.other:
         longest = SECOND_LOOK * min(longest, t_end / STEPS_OF_FUNCTIONS)
     # The cuts: breakpoints of the caller, samples of the records, breakpoints that a function states.
-    times = [times_of("breakpoints", steps.breakpoints), *map(breakpoints_of, functions)]
+    times = [times_of("breakpoints", steps.breakpoints), breakpoints_of(*functions)]
     # Cuts that are a few roundings apart would leave an interval of rounding length between them.
     cuts, least = [0.0], 64.0 * float(np.finfo(float).eps) * t_end
     for t in np.unique(np.concatenate(times)).tolist():

@@ -42,10 +42,9 @@ def free_system(system: System) -> Free:
     D = X.T @ system.damping @ X if decoupled is None else np.diag(decoupled.damping)
     coupling = 2 if decoupled is None else int(bool(np.any(D)))
     # Loads and offsets as rows of sin and cos of every frequency, constants as the frequency 0, and of the records.
-    basis_rows, rest = drive.split(system.loads, n)
-    shifts, shift_rest = drive.offsets(system)
-    loads = np.vstack([np.zeros((1, n)), basis_rows, drive.recorded(rest, n)]) @ X
-    offsets = np.vstack([np.zeros((1, m)), shifts[:, :m], drive.recorded(shift_rest, shifts.shape[1])[:, :m]])
+    nodal, moving = drive.amplitudes(system.loads, n), (c.offset for c in system.contacts)
+    loads = np.vstack([np.zeros((1, n)), nodal]) @ X
+    offsets = np.vstack([np.zeros((1, m)), drive.amplitudes(zip(np.eye(m), moving, strict=True), m)])
     waves = np.array([0.0, *drive.frequencies])
     rows = np.array([c.row for c in system.contacts]).reshape(m, n) @ X
     stops = np.array([[c.stops.lower_bound, c.stops.upper_bound] for c in system.contacts], float).reshape(m, 2)
@@ -66,7 +65,7 @@ def free_system(system: System) -> Free:
     cancelled = np.zeros_like(loads)
     if terms:
         sizes = np.sum([np.abs(drive.split(*term)[0]) for term in terms], axis=0)
-        cancelled[1 : 1 + len(sizes)] = np.maximum(sizes - np.abs(basis_rows), 0.0)
+        cancelled[1 : 1 + len(sizes)] = np.maximum(sizes - np.abs(nodal[: len(sizes)]), 0.0)
     shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
     shared |= {"X": X, "into": np.ascontiguousarray(system.mass @ X), "cancelled": cancelled}
     return with_pressed(closed_form(shared))

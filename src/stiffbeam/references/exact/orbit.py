@@ -18,7 +18,7 @@ from ...basics.progress import working
 from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
-from ...model.time_functions import Harmonic, Sampled, parts_of
+from ...model.time_functions import Harmonic, Sampled, leaves
 from ...trajectory.trajectory import Reference, SolverFailure
 from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
@@ -186,7 +186,7 @@ def require_periodic(system: System, period: float) -> None:
     """Raise InputError for loads that do not repeat after a period, and for stops without an exact solution."""
     require_system(system)
     period = positive("period", period)
-    for part in (x for function in system.time_functions for x in parts_of(function)):
+    for part in leaves(*system.time_functions):
         if isinstance(part, Sampled):
             rule = "be made of Harmonic and Constant for a periodic orbit"
             raise InputError("time function", part, rule, "write the record as a sum of harmonics")

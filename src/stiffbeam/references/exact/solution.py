@@ -16,7 +16,7 @@ from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
-from ...model.time_functions import Sampled, covered, parts_of, require_closed_form
+from ...model.time_functions import Sampled, covered, leaves, require_closed_form
 from ...trajectory.records import as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
@@ -50,8 +50,7 @@ def solve_exact(system: System, t_end: float, t_eval: Array | None = None, since
         # An energy balance that is open beyond rounding raises SolverFailure: no solution is returned.
         if not system.rigid:
             audit(solution, t_end)
-        frequencies = "SVD of the curvature factor" if system.stiffness_factor is not None else "eigh"
-        reference = reference_of(solution, t_end, t_eval, begun, "exact", {"frequencies": frequencies}, since)
+        reference = reference_of(solution, t_end, t_eval, begun, "exact", {}, since)
         if system.rigid:
             audit_rigid(solution, reference.energy, t_end)
         return reference
@@ -106,7 +105,7 @@ def refuse(system: System, t_end: float) -> None:
         rule = "take energy from every motion for the exact solution"
         raise InputError("damping", "a matrix that gives energy", rule, "use dop853 or cvode-adams")
     for contact in system.contacts:
-        stops, records = contact.stops, [x for x in parts_of(contact.offset) if isinstance(x, Sampled)]
+        stops, records = contact.stops, [x for x in leaves(contact.offset) if isinstance(x, Sampled)]
         if not system.rigid:
             stops.require_linear("the exact solution", damped=True)
             if stops.damping > 0.0 and records:

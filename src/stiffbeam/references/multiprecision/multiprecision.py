@@ -23,7 +23,7 @@ from ...basics.resources import afford, clock, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import Marks
 from ...model.system import System
-from ...model.time_functions import Sampled, parts_of
+from ...model.time_functions import Sampled, leaves
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, require_short, switched_by_force
@@ -60,7 +60,7 @@ def solve(request: Request) -> Reference:
     for contact in system.contacts:
         contact.stops.require_compliant("multiprecision")
     refuse(system, t_end)
-    for part in (x for function in system.time_functions for x in parts_of(function)):
+    for part in leaves(*system.time_functions):
         if isinstance(part, Sampled):
             rule = "be made of Harmonic and Constant for multiprecision"
             raise InputError("time function", part, rule, "use the method exact")
