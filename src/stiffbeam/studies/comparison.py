@@ -26,9 +26,8 @@ from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajecto
 class CaseComparison:
     """A comparison of the runs of a case, see ``run``, and what it has so far.
 
-    form: None for that of the case's first run. budget: CPU seconds of each reference, which ends earlier where it needs
-    more. failures: ("failed" or, of what cannot be asked of the case, "refused",
-    label, message).
+    form: None for that of the case's first run. budget: CPU seconds of each reference, which ends earlier where it
+    needs more. failures: ("failed" or, of what cannot be asked of the case, "refused", label, message).
     """
 
     case: Case
