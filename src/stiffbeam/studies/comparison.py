@@ -18,7 +18,7 @@ from ..measures.comparison import Comparison, compare
 from ..measures.report import Report
 from ..model.system import System
 from ..references import reference, substitute
-from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, method_of
+from ..references.registry import BUDGET, COMPARED, COMPARED_RIGID, MAIN, method_of
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 
 
@@ -27,7 +27,7 @@ class CaseComparison:
     """A comparison of the runs of a case, see ``run``, and what it has so far.
 
     form: None for that of the case's first run. budget: CPU seconds that a further reference may take, the main one
-    four times as many; one that would take more ends earlier. cache: store the references, and use stored ones.
+    eight times as many; one that would take more ends earlier. cache: store the references, and use stored ones.
     failures: ("failed" or, of what cannot be asked of the case, "refused", label, message).
     """
 
@@ -98,7 +98,7 @@ class CaseComparison:
         """Yield the main reference, the first of ``methods`` that can take the system, then the others to its
         horizon."""
         main, case, show = None, self.case, current()
-        steps, seconds = round(case.t_end / case.dt), 4.0 * self.budget
+        steps, seconds = round(case.t_end / case.dt), MAIN * self.budget
         for method in methods:
             label = f"{method}@{system.form}"
             show(label if main is None else f"{label} to the horizon {steps * case.dt:.3g}", 0, 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from scipy.integrate import OdeSolver
+from scipy.interpolate import CubicHermiteSpline
 
 from ...basics import storage
 from ...basics.arrays import Array
@@ -21,8 +23,9 @@ from ...model.right_hand_side import RightHandSide, numbers_of, rate_with_integr
 from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, Request
-from .adaptive import Solver, reference_from
-from .scipy import Stepping
+from .adaptive import reference_from
+from .restarts import Solver
+from .scipy import NO_TIMES, Stepping
 
 CAPACITY = 128  # steps per call of the program: bounds its memory and lets an interrupt through
 FIRST_STEPS = 2  # of the first call after a start, twice as many in each that follows: an event makes the rest waste
@@ -52,7 +55,7 @@ def solve(request: Request) -> Reference:
         jax.config.update("jax_compilation_cache_dir", str(storage.directory() / "jax"))
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        return Stepping(method, partial(Stepper, Program(rhs, name, rtol, atol)), rhs).run
+        return Stepping(method, partial(Stepper, Program(rhs, name, rtol, atol)))
 
     return reference_from(request, solver)
 
@@ -129,37 +132,28 @@ def _compiled(name: str, exponents: tuple[float, ...]) -> Any:
     return jax.jit(partial(_march, name, exponents))
 
 
-class Stepper:
-    """A solver of diffrax with the attributes of SciPy's ``OdeSolver``, its steps made in calls of many.
+class Stepper(OdeSolver):
+    """A solver of diffrax as an ``OdeSolver`` of SciPy, its steps made in calls of many.
 
-    first_step: the first one's length. outputs: times at which steps end. t_old, t, y: of the last step.
+    first_step: the first one's length. outputs: times at which steps end. nfev: stages, at least as many as evaluations
+    of the right-hand side.
     """
+
+    unit = "stages"
 
     def __init__(
         self, program: Program, t0: float, y0: Array, t_bound: float, *, max_step: float = math.inf,
-        first_step: float | None = None, outputs: Array | None = None,
+        first_step: float | None = None, outputs: Array = NO_TIMES,
     ) -> None:  # fmt: skip
-        self.t, self.y, self.t_bound, self.status = t0, np.asarray(y0), t_bound, "running"
-        self.t_old, self._old = t0, self.y
-        self._program, self.counters = program, {"steps": 0, "stages": 0}
-        self._ahead = self._made_ahead(np.empty(0) if outputs is None else outputs, max_step, first_step)
+        super().__init__(program.rhs.value, t0, y0, t_bound, vectorized=False)
+        self._program, self._ahead = program, self._made_ahead(outputs, max_step, first_step)
 
-    @property
-    def nfev(self) -> int:
-        """Stages, at least as many as evaluations of the right-hand side."""
-        return self.counters["stages"]
-
-    def step(self) -> str | None:
-        """Make one step; return the reason where it fails."""
+    def _step_impl(self) -> tuple[bool, str | None]:
         following = next(self._ahead, None)
         if following is None:
-            self.status = "failed"
-            return "no step is short enough for the tolerances"
-        self.t_old, self._old = self.t, self.y
-        self.t, self.y = float(following[0]), following[1]
-        if self.t >= self.t_bound:
-            self.status = "finished"
-        return None
+            return False, "no step is short enough for the tolerances"
+        self._y_old, self.t, self.y = self.y, float(following[0]), following[1]
+        return True, None
 
     def _made_ahead(self, outputs: Array, max_step: float, first_step: float | None) -> Iterator[tuple[Any, Array]]:
         """Times and states of the steps, until there are none.
@@ -177,18 +171,14 @@ class Stepper:
             span = Span(self.t, self.y, length, end, due, max_step, count)
             times, states, made, tried, length = self._program(span)
             # A rejected step takes as many stages as an accepted one.
-            self.counters["steps"] += int(tried)
-            self.counters["stages"] += int(tried) * self._program.stages
+            self.nfev += int(tried) * self._program.stages
             length, count = float(length), min(CAPACITY, 2 * count)
             yield from zip(times[:made], states[:made], strict=True)
 
-    def dense_output(self) -> Callable[[Any], Array]:
+    def _dense_output_impl(self) -> Any:
         """The cubic with the states and rates at both ends of the last step."""
-        from scipy.interpolate import CubicHermiteSpline
-
-        ends = (self.t_old, self._old), (self.t, self.y)
-        slopes = [self._program.rhs.value(t, y) for t, y in ends]
-        spline = CubicHermiteSpline([self.t_old, self.t], np.array([self._old, self.y]), np.array(slopes))
+        times, states = [self.t_old, self.t], [self._y_old, self.y]
+        spline = CubicHermiteSpline(times, states, list(map(self._program.rhs.value, times, states)))
         return lambda t: np.asarray(spline(t)).T
 
 

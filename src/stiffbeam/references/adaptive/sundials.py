@@ -19,20 +19,20 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
+from ...basics.resources import late
 from ...basics.validation import InputError
 from ...kernels.rhs import function_address
 from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import Request
-from .adaptive import Solver, reference_from
-from .restarts import Outcome, Phase, Root, refuse_endless
+from .adaptive import reference_from
+from .restarts import Phase, Root, Solver, refuse_endless
 
-MAX_STEPS = 10_000_000  # to one output; SUNDIALS' default of 500 ends most contact runs
 VERSION = 7  # of SUNDIALS, whose functions are called as below
 VECTOR, DENSE, BAND = 1, 1, 3  # words of 8 bytes into a content, see rhs.c; indices of SUNDIALS have 4 bytes
 ADAMS, BDF, NORMAL = 1, 2, 1
-ROOT_RETURN, TOO_MUCH_WORK = 2, -1
-STEPS_A_CALL = 20_000  # after which Python may look for an interrupt
+REACHED, ROOT_RETURN, TOO_MUCH_WORK = (0, 1), 2, -1
+STEPS_A_CALL = 1000  # after which Python looks at the clock and for an interrupt
 POINTER, INTEGER, LONG, DOUBLE = ctypes.c_void_p, ctypes.c_int, ctypes.c_long, ctypes.c_double
 # The C functions of each family with their arguments after the first, which is the time.
 FUNCTIONS = {
@@ -62,7 +62,7 @@ def solve(request: Request) -> Reference:
     method = request.method
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        return Sundials(method, rhs, rtol, atol).run
+        return Sundials(method, rhs, rtol, atol)
 
     return reference_from(request, solver, descriptor=method == "ida")
 
@@ -175,7 +175,7 @@ class Sundials:
         self._set("SVtolerances", DOUBLE(rtol), memory.vector(self._atol))
         self._set("SetLinearSolver", linear, matrix)
         self._set("SetJacFn", jacobian)
-        self._set("SetMaxNumSteps", LONG(min(STEPS_A_CALL, MAX_STEPS)))
+        self._set("SetMaxNumSteps", LONG(STEPS_A_CALL))
 
     def _set(self, name: str, *arguments: Any) -> None:
         self._call(f"{self.family}{name}", self._solver, *arguments)
@@ -197,46 +197,35 @@ class Sundials:
 
         return kind(asked)
 
-    def run(self, phase: Phase) -> Outcome:
+    def __call__(self, phase: Phase) -> dict[str, int]:
         """Integrate a phase from output to output, until a root ends it."""
         self._start(phase)
-        states, ended_by = [], []
-        t, z = phase.start, phase.z
-        least = 8.0 * np.finfo(float).eps * phase.end  # SUNDIALS refuses a first output closer than that
-        # Targets are the outputs, and the end of the phase where it is no output.
-        for target in [*phase.times, *([phase.end] if not len(phase.times) or phase.times[-1] < phase.end else [])]:
-            if target - phase.start <= least:
-                states.append(z)
-                t = float(target)
-                continue
-            rooted = True
+        # SUNDIALS refuses a first output that is too close: there the state is that of the start.
+        soon = phase.t + 8.0 * np.finfo(float).eps * phase.end
+        for target in np.union1d(phase.times, phase.end).tolist():
+            if target <= soon:
+                phase.t = target
             # Only some roots end a phase; after the others the solver goes on to the same target.
-            while rooted and not ended_by:
-                t, z, rooted = self._step(float(target))
-                refuse_endless(self.method, t, self._evaluations)
-                flags = np.zeros(phase.size, np.int32)
-                if rooted:
-                    self._set("GetRootInfo", POINTER(flags.ctypes.data))
-                roots = [Root(int(k), int(flags[k]), t, z) for k in np.flatnonzero(flags)]
-                ended_by = roots if phase.ends(roots) else []
-            if ended_by:
+            while phase.t < target and not phase.ended_by and not late():
+                phase.ends(self._step(phase, target))
+                refuse_endless(self.method, phase.t, self._evaluations)
+            if phase.t < target or phase.ended_by:
                 break
-            states.append(z)
-        counters = {
+            phase.states.append(phase.z)
+        # The end of the phase is an output only if it was asked for.
+        del phase.states[len(phase.times) :]
+        return {
             "rhs": self._evaluations, "jacobians": self._count("GetNumJacEvals"), "steps": self._count("GetNumSteps"),
             "error_test_failures": self._count("GetNumErrTestFails"),
             "convergence_failures": self._count("GetNumNonlinSolvConvFails"),
         }  # fmt: skip
-        t = t if ended_by else phase.end
-        # The end of the phase is an output only if it was asked for.
-        return Outcome(t, z, states[: len(phase.times)], ended_by, counters)
 
     def _start(self, phase: Phase) -> None:
         """Start the solver at the beginning of a phase with its event functions and step bound."""
         self._y[:] = phase.z
         if self.family == "IDA":  # it also needs rates that satisfy the equations
-            self._rate[:] = self.rhs.rate(phase.start, phase.z)
-        self._set("ReInit", DOUBLE(phase.start), *self._vectors)
+            self._rate[:] = self.rhs.rate(phase.t, phase.z)
+        self._set("ReInit", DOUBLE(phase.t), *self._vectors)
         longest = phase.max_step if np.isfinite(phase.max_step) else 0.0  # 0 for no bound
         self._set("SetMaxStep", DOUBLE(longest))
         # Without the stop time a step could go beyond the smooth interval and interpolate back.
@@ -248,24 +237,25 @@ class Sundials:
             directions = np.array(phase.directions, np.int32)
             self._set("SetRootDirection", POINTER(directions.ctypes.data))
 
-    def _step(self, target: float) -> tuple[float, Array, bool]:
-        """Integrate to ``target`` or to a root; time, state, and True at a root."""
-        reached, status = DOUBLE(), TOO_MUCH_WORK
-        time = ctypes.byref(reached)
-        name, arguments = "CVode", [DOUBLE(target), *self._vectors, time]
+    def _step(self, phase: Phase, target: float) -> list[Root]:
+        """Move a phase on to ``target`` or to roots, which are returned, or by so many steps."""
+        reached = DOUBLE()
+        time, vectors, name = ctypes.byref(reached), self._vectors, "CVode"
+        arguments = [DOUBLE(target), *vectors, time]
         if self.family == "IDA":
-            name, arguments = "IDASolve", [DOUBLE(target), time, *self._vectors]
-        for _ in range(-(-MAX_STEPS // STEPS_A_CALL)):  # an interrupt is raised here, between two calls
-            status = self._call(name, self._solver, *arguments, INTEGER(NORMAL), fails=False)
-            if status != TOO_MUCH_WORK:
-                break
+            name, arguments = "IDASolve", [DOUBLE(target), time, *vectors]
+        status = self._call(name, self._solver, *arguments, INTEGER(NORMAL), fails=False)
         if self._error is not None:
             error, self._error = self._error, None
             raise error
-        if status < 0:
+        if status < 0 and status != TOO_MUCH_WORK:
             message = self._call.messages.get(status, f"SUNDIALS returned {status}")
             raise SolverFailure(self.method, reached.value, message, "loosen rtol and atol or take the exact solution")
-        return reached.value, self._y.copy(), status == ROOT_RETURN
+        phase.t, phase.z = target if status in REACHED else reached.value, self._y.copy()
+        flags = np.zeros(phase.size, np.int32)
+        if status == ROOT_RETURN:
+            self._set("GetRootInfo", POINTER(flags.ctypes.data))
+        return [Root(int(k), int(flags[k]), phase.t, phase.z) for k in np.flatnonzero(flags)]
 
     @property
     def _evaluations(self) -> int:
