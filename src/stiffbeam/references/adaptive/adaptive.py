@@ -78,7 +78,7 @@ def reference_from(
             _contact_record(rhs, i, (positions[:, i], velocities[:, i]), result.spans, end)
             for i in range(len(system.contacts))
         ),
-        work=Work(steps=0, seconds=clock() - begun, march_seconds=result.seconds, counters=result.counters),
+        work=Work(steps=0, seconds=clock() - begun, march_seconds=result.seconds, counters=dict(result.counters)),
         provenance=provenance_of(system, method, end, notes),
         system=system,
         evaluate=evaluate,

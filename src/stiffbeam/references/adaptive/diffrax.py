@@ -49,13 +49,12 @@ def solve(request: Request) -> Reference:
 
     system, method = request.system, request.method
     require_closed_form(system.time_functions, method)
-    name = REFERENCES[method].solver
-    assert hasattr(diffrax, name)
+    kind = getattr(diffrax, REFERENCES[method].solver)
     if jax.config.values["jax_compilation_cache_dir"] is None:
         jax.config.update("jax_compilation_cache_dir", str(storage.directory() / "jax"))
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        return Stepping(method, partial(Stepper, Program(rhs, name, rtol, atol)))
+        return Stepping(method, partial(Stepper, Program(rhs, kind, rtol, atol)))
 
     return reference_from(request, solver)
 
@@ -89,47 +88,41 @@ class Span(NamedTuple):
 class Program:
     """The compiled march of a solver of diffrax for one right-hand side, whose regime and window change."""
 
-    def __init__(self, rhs: RightHandSide, name: str, rtol: float, atol: Array) -> None:
-        import diffrax
+    def __init__(self, rhs: RightHandSide, kind: Any, rtol: float, atol: Array) -> None:
         import jax
 
-        self.rhs, self.name, self.rtol, self.atol = rhs, name, rtol, atol
+        self.rhs, self.rtol, self._tolerances = rhs, rtol, (rtol, atol)
         # The first stage of a step is the last one of the step before (FSAL).
-        self.stages = len(getattr(diffrax, name).tableau.b_sol) - 1
+        self.stages = len(kind.tableau.b_sol) - 1
         # Modal needs y' linear in y.
         self._linear = linear(rhs.system.contacts)
         self._modal: dict[bytes, Modal | None] = {}
         with float64_on_the_processor():
-            self._exponents, numbers = numbers_of(rhs.equations)
-            self._numbers = jax.device_put(numbers)
+            exponents, numbers = numbers_of(rhs.equations)
+            self._numbers, self._march = jax.device_put(numbers), _compiled(kind, exponents)
         with once():
             self(Span(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0))  # compiles
 
     def __call__(self, span: Span) -> tuple[Any, ...]:
         """``_march`` in the regime of now, with up to CAPACITY outputs."""
-        with float64_on_the_processor():
-            arguments = self._arguments()
-            ahead = np.full(CAPACITY, np.inf)
-            ahead[: len(span.outputs)] = span.outputs
-            march = _compiled(self.name, self._exponents)
-            found = march(arguments, (self.rtol, self.atol), span._replace(outputs=ahead))
-            return tuple(map(np.asarray, found))
-
-    def _arguments(self) -> tuple[Any, Modal | None]:
-        """Numbers of the right-hand side, and its Jacobian in its eigenvectors."""
         rhs, regime = self.rhs, self.rhs.regime.tobytes()
         if regime not in self._modal:
             jacobian = rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states] if self._linear else None
             self._modal[regime] = None if jacobian is None else _modal(jacobian)
-        return self._numbers._replace(regime=rhs.regime.copy(), window=np.array(rhs.window)), self._modal[regime]
+        numbers = self._numbers._replace(regime=rhs.regime.copy(), window=rhs.window.copy())
+        ahead = np.full(CAPACITY, np.inf)
+        ahead[: len(span.outputs)] = span.outputs
+        with float64_on_the_processor():
+            found = self._march((numbers, self._modal[regime]), self._tolerances, span._replace(outputs=ahead))
+            return tuple(map(np.asarray, found))
 
 
 @cache
-def _compiled(name: str, exponents: tuple[float, ...]) -> Any:
+def _compiled(kind: Any, exponents: tuple[float, ...]) -> Any:
     """The march, compiled for every shape of its arguments once: systems of one shape share it."""
     import jax
 
-    return jax.jit(partial(_march, name, exponents))
+    return jax.jit(partial(_march, kind, exponents))
 
 
 class Stepper(OdeSolver):
@@ -177,8 +170,8 @@ class Stepper(OdeSolver):
 
     def _dense_output_impl(self) -> Any:
         """The cubic with the states and rates at both ends of the last step."""
-        times, states = [self.t_old, self.t], [self._y_old, self.y]
-        spline = CubicHermiteSpline(times, states, list(map(self._program.rhs.value, times, states)))
+        times, states = np.array([self.t_old, self.t]), [self._y_old, self.y]
+        spline = CubicHermiteSpline(times, states, list(map(self._program.rhs.value, times.tolist(), states)))
         return lambda t: np.asarray(spline(t)).T
 
 
@@ -196,7 +189,7 @@ def _modal(jacobian: Array) -> Modal | None:
 
 
 def _march(
-    name: str, exponents: tuple[float, ...], arguments: Any, tolerances: tuple[Any, Any], span: Span
+    kind: Any, exponents: tuple[float, ...], arguments: Any, tolerances: tuple[Any, Any], span: Span
 ) -> tuple[Any, Any, Any, Any, Any]:
     """The accepted steps of a span: their times and states, the numbers of accepted and of tried steps, and the length
     of the next. arguments: of the right-hand side, and ``Modal`` or None."""
@@ -210,7 +203,7 @@ def _march(
     term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(exponents, t, z, x[0]))
     # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
     finder: Any = diffrax.VeryChord if arguments[1] is None else _chord()
-    solver = getattr(diffrax, name)(root_finder=finder(rtol=rtol, atol=atol, norm=optimistix.rms_norm))
+    solver = kind(root_finder=finder(rtol=rtol, atol=atol, norm=optimistix.rms_norm))
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmax=max_step)
     order = solver.error_order(term)
     _, control = controller.init(term, t, end, z, dt, arguments, solver.func, order)
@@ -302,8 +295,8 @@ def float64_on_the_processor() -> Generator[None]:
     """A context in which JAX computes in float64 on the processor; outside it stays as it was.
 
     A step of a small stiff system is a chain of hundreds of short operations. Each of them costs a launch on a
-    graphics card, which JAX takes by default where there is one. Raises InputError where no device starts: a card
-    without free memory, or one that JAX_PLATFORMS names and that is not there.
+    graphics card, which JAX takes by default where there is one. Raises InputError where a device does not start: a
+    card without free memory, one that JAX_PLATFORMS names and that is not there, or a processor that it leaves out.
     """
     import jax
 
@@ -311,12 +304,9 @@ def float64_on_the_processor() -> Generator[None]:
     home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
     try:
         jax.local_devices()
+        processor = jax.local_devices(backend="cpu")[0]
     except (RuntimeError, AssertionError) as error:  # JAX 0.10 asserts that some device has started
         reason = str(error).partition(" (you may")[0] or "none"
         raise InputError("JAX", reason, "start its devices", "set JAX_PLATFORMS=cpu in the environment") from None
-    try:
-        processor = jax.local_devices(backend="cpu")[0]
-    except RuntimeError:  # JAX_PLATFORMS leaves the processor out
-        processor = None
     with home.enable_x64(True), jax.default_device(processor):
         yield

@@ -16,6 +16,7 @@ a solution with shorter steps at other times.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -150,22 +151,13 @@ def scales_of(system: System, t_end: float) -> Scales:
     return Scales(unknowns, lengths + np.array(moves), speeds, energy)
 
 
-class Root(NamedTuple):
-    """Root ``which`` of a phase at ``time`` with state z; sign +1 rising, -1 falling."""
-
-    which: int
-    sign: int
-    time: float
-    z: Array
-
-
 class Phase:
     """Way of a solver from (t, z) towards ``end``, with outputs at ``times``, steps up to max_step (inf: no bound), and
     root functions: every gap, then every gap's rate. For damped stops see ``kernels/rhs.h``: the gap is positive where
     they press, and the rates of the forces follow.
 
-    The solver moves (t, z) on, with the ``states`` at the outputs on its way, until it is at the end, ``ends`` is true
-    of its roots, or the deadline has passed.
+    The solver moves (t, z) on, with the ``states`` at the outputs on its way, until it is at the end, it has met a root
+    that ``ends`` the phase, or the deadline has passed. ended_by: roots. peaks: side, time and state of each.
 
     A gap ends the phase, from below where the side is free, from above where it is closed. It is watched at a level a
     few roundings past where it starts, so that the root a phase starts on is not found again; a rate at one a few
@@ -185,7 +177,7 @@ class Phase:
         rhs.levels[: self.count] = 0.0
         gaps, margin = self.values(t, z)[: self.count], rounding[: self.count]
         rhs.levels[: self.count] = np.where(closed, np.minimum(gaps - margin, 0.0), np.maximum(gaps + margin, 0.0))
-        self.ended_by, self.peaks = list[Root](), list[Root]()
+        self.ended_by, self.peaks = list[int](), list[tuple[int, float, Array]]()
 
     @property
     def directions(self) -> list[int]:
@@ -198,23 +190,24 @@ class Phase:
     @property
     def missed(self) -> bool:
         """True where rates alone have ended it."""
-        return bool(self.ended_by) and all(root.which >= self.count for root in self.ended_by)
+        return bool(self.ended_by) and min(self.ended_by) >= self.count
 
     def values(self, t: float, z: Array) -> Array:
         """The root functions."""
         return self.rhs.event_functions(t, z) if self.count else np.empty(0)
 
-    def ends(self, roots: Sequence[Root]) -> bool:
-        """Return True if these simultaneous roots end the phase. Peaks, which do not, are recorded."""
-        for root in roots:
-            k = root.which % self.count
+    def ends(self, t: float, z: Array, roots: dict[int, int]) -> bool:
+        """Return True if roots at t with state z, their signs +1 rising and -1 falling, end the phase. Peaks, which do
+        not, are recorded."""
+        for root, sign in roots.items():
+            k = root % self.count
             # Gap past its level at a zero of the rate: the step holds both crossings.
-            pressed = root.which >= self.count and self.values(root.time, root.z)[k] > 0.0
-            if root.which < self.count or pressed != self.closed[k]:
+            pressed = root >= self.count and self.values(t, z)[k] > 0.0
+            if root < self.count or pressed != self.closed[k]:
                 self.ended_by = list(roots)
                 break
-            if root.sign < 0 and pressed and root.which >= self.size - self.count:  # of the last row of rates
-                self.peaks.append(root)
+            if sign < 0 and pressed and root >= self.size - self.count:  # of the last row of rates
+                self.peaks.append((k, t, z))
         return bool(self.ended_by)
 
 
@@ -247,7 +240,7 @@ class Path:
         extents = np.concatenate([scales.lengths[contacts] + stops, scales.speeds[contacts]])
         self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, rhs.roots - len(extents)))
         self.states, self.spans = list[Array](), [list[Span]() for _ in rhs.sides]
-        self.counters, self.end = {"restarts": -1}, 0.0
+        self.counters, self.end = Counter(restarts=-1), 0.0
         rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH
 
     def follow(self, intervals: Sequence[Interval], t: Array) -> None:
@@ -301,20 +294,20 @@ class Path:
         for k in np.flatnonzero(closed):
             contact, side = rhs.sides[k]
             rhs.regime[contact] = side
-        end, landing = interval.end, None
-        for _ in range(STUCK):
+        end, landing, tries = interval.end, None, 0
+        while True:
+            tries += 1
             phase = Phase(rhs, now, end, z, times, interval.max_step, closed, self.rounding)
-            for name, count in self.solver(phase).items():
-                self.counters[name] = self.counters.get(name, 0) + count
+            self.counters.update(self.solver(phase))
             refuse_endless(self.method, phase.t, max(self.counters.values()))
             # Ended by rates only, it is repeated with a step that ends there.
-            if not phase.missed or phase.t <= now:
+            if not phase.missed or phase.t <= now or tries == STUCK:
                 break
-            landing, end = phase.ended_by[0].which % phase.count, phase.t
+            landing, end = phase.ended_by[0] % phase.count, phase.t
         for peak in phase.peaks:
-            self._note(peak.which % phase.count, peak.time, peak.z)
+            self._note(*peak)
         # Sides that change: those with an event, and the one at which a repeated phase ended past the event.
-        switched = [r.which for r in phase.ended_by if r.which < phase.count]
+        switched = [root for root in phase.ended_by if root < phase.count]
         if landing is not None and not switched:
             past = (phase.values(phase.t, phase.z)[landing] > 0.0) != closed[landing]
             switched = [landing] if past else []  # on the stop at the end of the step, to rounding

@@ -13,7 +13,7 @@ from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import REFERENCES, Request
 from .adaptive import reference_from
-from .restarts import Phase, Root, Solver, refuse_endless
+from .restarts import Phase, Solver, refuse_endless
 
 IMPLICIT = ("LSODA", "Radau")  # take the Jacobian
 SAME = 1e-13  # of the time: no solver makes a step as short as that
@@ -79,47 +79,38 @@ class Stepping:
             crossed = ((before <= 0.0) != (after <= 0.0)) & (directions * (after - before) >= 0.0)
             before = after
             if crossed.any():
-                roots = _located(stepper, phase, np.flatnonzero(crossed))
-                root = next((x for x in roots if phase.ends([x])), None)
+                dense = stepper.dense_output()
+                located = sorted(_located(stepper, dense, phase, k) for k in np.flatnonzero(crossed).tolist())
+                root = next((t for t, k, sign in located if phase.ends(t, dense(t), {k: sign})), None)
                 if root is not None:
-                    phase.t, phase.z = root.time, root.z
+                    phase.t, phase.z = root, dense(root)
                     # A repeated phase needs the time alone, which dense output has.
-                    if not phase.missed and root.time - stepper.t_old > SAME * root.time:
-                        steppers.append(self._stepped(stepper, left, root))
-                        phase.z = steppers[-1].y
+                    if not phase.missed and root - stepper.t_old > SAME * root:
+                        # The whole way is proposed as one step of the full order; error control may still divide it.
+                        first = root - stepper.t_old
+                        short = self.start(stepper.t_old, left, root, max_step=np.inf, first_step=first)
+                        while short.status == "running":
+                            short.step()
+                        steppers.append(short)
+                        phase.z = phase.z if short.status == "failed" else short.y
             due = phase.times[len(phase.states) : int(phase.times.searchsorted(phase.t, "right"))]
             if len(due):
                 phase.states += list(stepper.dense_output()(due).T) if due[0] < stepper.t else [stepper.y]
         counted = {"nfev": getattr(stepper, "unit", "rhs"), "njev": "jacobians", "nlu": "factorisations"}
         return {name: sum(int(getattr(x, key)) for x in steppers) for key, name in counted.items()}
 
-    def _stepped(self, stepper: Any, left: Array, root: Root) -> Any:
-        """A stepper at the root by steps of the full order from ``left``, where the last step starts."""
-        # The whole way is proposed as one step; error control may still divide it.
-        step = root.time - stepper.t_old
-        short = self.start(stepper.t_old, left, root.time, max_step=np.inf, first_step=step)
-        while short.status == "running":
-            short.step()
-        if short.status == "failed":
-            short.y = root.z
-        return short
 
-
-def _located(stepper: Any, phase: Phase, crossed: Array) -> list[Root]:
-    """The roots in the last step by its dense output, in order of time."""
+def _located(stepper: Any, dense: Callable[[float], Array], phase: Phase, k: int) -> tuple[float, int, int]:
+    """Time of root ``k`` in the last step by its dense output, the root, and its sign."""
     from scipy.optimize import brentq
 
-    dense, roots = stepper.dense_output(), []
-    for k in crossed.tolist():
+    def value(t: float) -> float:
+        return float(phase.values(t, dense(t))[k])
 
-        def value(t: float, k: int = k) -> float:
-            return float(phase.values(t, dense(t))[k])
-
-        low, high = value(stepper.t_old), value(stepper.t)
-        if low == 0.0 or low * high > 0.0:  # on it at the start of the step, or only by rounding of dense output
-            t = stepper.t_old if abs(low) <= abs(high) else stepper.t
-        else:
-            xtol: Any = 1e-15 * abs(stepper.t)
-            t: Any = brentq(value, stepper.t_old, stepper.t, xtol=xtol, rtol=np.float64(1e-14))
-        roots.append(Root(k, 1 if high > low else -1, float(t), dense(t)))
-    return sorted(roots, key=lambda root: root.time)
+    low, high = value(stepper.t_old), value(stepper.t)
+    if low == 0.0 or low * high > 0.0:  # on it at the start of the step, or only by rounding of dense output
+        t = stepper.t_old if abs(low) <= abs(high) else stepper.t
+    else:
+        xtol: Any = 1e-15 * abs(stepper.t)
+        t: Any = brentq(value, stepper.t_old, stepper.t, xtol=xtol, rtol=np.float64(1e-14))
+    return float(t), k, 1 if high > low else -1

@@ -11,7 +11,7 @@ once against the library's own functions.
 from __future__ import annotations
 
 import ctypes
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -26,7 +26,7 @@ from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import Request
 from .adaptive import reference_from
-from .restarts import Phase, Root, Solver, refuse_endless
+from .restarts import Phase, Solver, refuse_endless
 
 VERSION = 7  # of SUNDIALS, whose functions are called as below
 VECTOR, DENSE, BAND = 1, 1, 3  # words of 8 bytes into a content, see rhs.c; indices of SUNDIALS have 4 bytes
@@ -94,13 +94,12 @@ def library_of(family: str) -> Library:
         label = ctypes.create_string_buffer(32)
         library("SUNDIALSGetVersionNumber", ctypes.byref(major), *map(ctypes.byref, rest), label, INTEGER(32))
         # Where the numbers of vectors and matrices lie, before C reads them.
-        with closing(Memory(library)) as memory:
-            vector = memory.vector(np.zeros(4))
-            dense, band = memory.matrix(None, 4), memory.matrix((1, 1), 4)
-            places = [(vector, VECTOR, library("N_VGetArrayPointer", vector, result=POINTER))]
-            places.append((dense, DENSE, library("SUNDenseMatrix_Data", dense, result=POINTER)))
-            places.append((band, BAND, library("SUNBandMatrix_Data", band, result=POINTER)))
-            fits = all(_word(_word(structure.value, 0), word) == data for structure, word, data in places)
+        memory = Memory(library)
+        vector, dense, band = memory.vector(np.zeros(4)), memory.matrix(None, 4), memory.matrix((1, 1), 4)
+        places = [(vector, VECTOR, library("N_VGetArrayPointer", vector, result=POINTER))]
+        places.append((dense, DENSE, library("SUNDenseMatrix_Data", dense, result=POINTER)))
+        places.append((band, BAND, library("SUNBandMatrix_Data", band, result=POINTER)))
+        fits = all(_word(_word(structure.value, 0), word) == data for structure, word, data in places)
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
         raise InputError("the library of cvode and ida", str(error), rule, remedy) from error
     if major.value != VERSION or not fits:
@@ -143,12 +142,8 @@ class Memory:
         lower, upper = bandwidths
         return self.made("SUNBandMatrix", INTEGER(size), INTEGER(upper), INTEGER(lower), free="SUNMatDestroy")
 
-    def close(self) -> None:
-        """Free everything, the last first."""
-        self._objects.close()
-
     def __del__(self) -> None:
-        self.close()
+        self._objects.close()
 
 
 class Sundials:
@@ -207,7 +202,7 @@ class Sundials:
                 phase.t = target
             # Only some roots end a phase; after the others the solver goes on to the same target.
             while phase.t < target and not phase.ended_by and not late():
-                phase.ends(self._step(phase, target))
+                phase.ends(*self._step(phase, target))
                 refuse_endless(self.method, phase.t, self._evaluations)
             if phase.t < target or phase.ended_by:
                 break
@@ -237,8 +232,8 @@ class Sundials:
             directions = np.array(phase.directions, np.int32)
             self._set("SetRootDirection", POINTER(directions.ctypes.data))
 
-    def _step(self, phase: Phase, target: float) -> list[Root]:
-        """Move a phase on to ``target`` or to roots, which are returned, or by so many steps."""
+    def _step(self, phase: Phase, target: float) -> tuple[float, Array, dict[int, int]]:
+        """Move a phase on to ``target``, to roots, or by STEPS_A_CALL; time, state, and roots with their signs."""
         reached = DOUBLE()
         time, vectors, name = ctypes.byref(reached), self._vectors, "CVode"
         arguments = [DOUBLE(target), *vectors, time]
@@ -255,7 +250,7 @@ class Sundials:
         flags = np.zeros(phase.size, np.int32)
         if status == ROOT_RETURN:
             self._set("GetRootInfo", POINTER(flags.ctypes.data))
-        return [Root(int(k), int(flags[k]), phase.t, phase.z) for k in np.flatnonzero(flags)]
+        return phase.t, phase.z, {k: int(flags[k]) for k in np.flatnonzero(flags).tolist()}
 
     @property
     def _evaluations(self) -> int:
