@@ -83,67 +83,31 @@ class Library:
             raise RuntimeError(f"{name} returned {value}")
         return value
 
+    def has(self, structure: Any, word: int, data: str) -> bool:
+        """Return True if this word of the content of a vector or matrix is what a function finds there."""
+        content = ctypes.cast(structure, ctypes.POINTER(POINTER)).contents
+        return (POINTER * (word + 1)).from_address(content.value or 0)[word] == self(data, structure, result=POINTER)
+
 
 @cache
 def library_of(family: str) -> Library:
     """The library of CVode or IDA. Raises InputError where it is not as expected."""
-    rule, remedy = f"be SUNDIALS {VERSION} as the wheels of scikit-sundae for Linux have it", "use dop853 or radau"
     try:
         library = Library(import_module(f"sksundae._cy_{family.lower()}"))
         major, rest = INTEGER(), [INTEGER(), INTEGER()]
         label = ctypes.create_string_buffer(32)
         library("SUNDIALSGetVersionNumber", ctypes.byref(major), *map(ctypes.byref, rest), label, INTEGER(32))
-        # Where the numbers of vectors and matrices lie, before C reads them.
-        memory = Memory(library)
-        vector, dense, band = memory.vector(np.zeros(4)), memory.matrix(None, 4), memory.matrix((1, 1), 4)
-        places = [(vector, VECTOR, library("N_VGetArrayPointer", vector, result=POINTER))]
-        places.append((dense, DENSE, library("SUNDenseMatrix_Data", dense, result=POINTER)))
-        places.append((band, BAND, library("SUNBandMatrix_Data", band, result=POINTER)))
-        fits = all(_word(_word(structure.value, 0), word) == data for structure, word, data in places)
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
-        raise InputError("the library of cvode and ida", str(error), rule, remedy) from error
-    if major.value != VERSION or not fits:
-        raise InputError("the library of cvode and ida", f"version {major.value}", rule, remedy)
+        raise another(str(error)) from error
+    if major.value != VERSION:
+        raise another(f"version {major.value}")
     return library
 
 
-def _word(address: int | None, k: int) -> int:
-    """The k-th 8-byte word at an address."""
-    assert address
-    return ctypes.c_int64.from_address(address + 8 * k).value
-
-
-class Memory:
-    """Objects that SUNDIALS allocates for one solver, freed together."""
-
-    def __init__(self, library: Library) -> None:
-        self.library, self._objects = library, ExitStack()
-        self.context = POINTER()
-        library("SUNContext_Create", INTEGER(0), ctypes.byref(self.context))
-        self._objects.callback(library, "SUNContext_Free", ctypes.byref(self.context))
-        # Failures come back as statuses; the handlers would also write them to the terminal.
-        library("SUNContext_ClearErrHandlers", self.context)
-
-    def made(self, name: str, *arguments: Any, free: str) -> Any:
-        """Return what a function of SUNDIALS makes in this context, which ``free`` frees; a solver by its reference."""
-        address = POINTER(self.library(name, *arguments, self.context, result=POINTER))
-        freed = ctypes.byref(address) if name.endswith("Create") else address
-        self._objects.callback(self.library, free, freed, result=None)
-        return address
-
-    def vector(self, numbers: Array) -> Any:
-        """Return a vector whose numbers are those of ``numbers``, which has to outlive it."""
-        return self.made("N_VMake_Serial", INTEGER(len(numbers)), POINTER(numbers.ctypes.data), free="N_VDestroy")
-
-    def matrix(self, bandwidths: tuple[int, int] | None, size: int) -> Any:
-        """Return a banded matrix, or a dense one."""
-        if bandwidths is None:
-            return self.made("SUNDenseMatrix", INTEGER(size), INTEGER(size), free="SUNMatDestroy")
-        lower, upper = bandwidths
-        return self.made("SUNBandMatrix", INTEGER(size), INTEGER(upper), INTEGER(lower), free="SUNMatDestroy")
-
-    def __del__(self) -> None:
-        self._objects.close()
+def another(value: str) -> InputError:
+    """The error of a library that is not as expected."""
+    rule = f"be SUNDIALS {VERSION} as the wheels of scikit-sundae for Linux have it"
+    return InputError("the library of cvode and ida", value, rule, "use dop853 or radau")
 
 
 class Sundials:
@@ -151,26 +115,51 @@ class Sundials:
 
     def __init__(self, method: str, rhs: RightHandSide, rtol: float, atol: Array) -> None:
         self.method, self.rhs, self.family = method, rhs, "IDA" if method == "ida" else "CVode"
+        self._objects, self._context = ExitStack(), POINTER()  # what SUNDIALS allocates is freed together
         self._call = call = library_of(self.family)
-        self._memory = memory = Memory(call)
         self._error: BaseException | None = None
-        size = rhs.size
+        call("SUNContext_Create", INTEGER(0), ctypes.byref(self._context))
+        self._objects.callback(call, "SUNContext_Free", ctypes.byref(self._context))
+        # Failures come back as statuses; the handlers would also write them to the terminal.
+        call("SUNContext_ClearErrHandlers", self._context)
         # SUNDIALS computes in these NumPy arrays: its vectors only point to them.
-        self._y, self._rate, self._atol = np.zeros(size), np.zeros(size), np.array(atol, float)
-        self._vectors = [memory.vector(x) for x in ((self._y,) if self.family == "CVode" else (self._y, self._rate))]
-        matrix, kind = memory.matrix(rhs.bandwidths, size), "Dense" if rhs.bandwidths is None else "Band"
-        linear = memory.made(f"SUNLinSol_{kind}", self._vectors[0], matrix, free="SUNLinSolFree")
+        self._y, self._rate, self._atol = np.zeros(rhs.size), np.zeros(rhs.size), np.array(atol, float)
+        y, rate, tolerances = (
+            self._made("N_VMake_Serial", INTEGER(rhs.size), POINTER(x.ctypes.data), free="N_VDestroy")
+            for x in (self._y, self._rate, self._atol)
+        )
+        self._vectors = [y] if self.family == "CVode" else [y, rate]
+        (kind, word), sizes = ("Dense", DENSE), [rhs.size, rhs.size]
+        if rhs.bandwidths is not None:
+            lower, upper = rhs.bandwidths
+            (kind, word), sizes = ("Band", BAND), [rhs.size, upper, lower]
+        matrix = self._made(f"SUN{kind}Matrix", *map(INTEGER, sizes), free="SUNMatDestroy")
+        # Where the numbers of vectors and matrices lie, before C reads them.
+        if not (call.has(y, VECTOR, "N_VGetArrayPointer") and call.has(matrix, word, f"SUN{kind}Matrix_Data")):
+            raise another("another layout of vectors and matrices")
+        linear = self._made(f"SUNLinSol_{kind}", y, matrix, free="SUNLinSolFree")
+        # Kept, since those in Python live as long as their objects.
         self._functions = [self._function(*named) for named in FUNCTIONS[self.family].items()]
         first, jacobian, self._events = self._functions
         # Settings that all phases share.
         arguments = (INTEGER(ADAMS if method == "cvode-adams" else BDF),) if self.family == "CVode" else ()
-        self._solver = memory.made(f"{self.family}Create", *arguments, free=f"{self.family}Free")
+        self._solver = self._made(f"{self.family}Create", *arguments, free=f"{self.family}Free")
         self._set("Init", first, DOUBLE(0.0), *self._vectors)
         self._set("SetUserData", POINTER(rhs.equations.c))
-        self._set("SVtolerances", DOUBLE(rtol), memory.vector(self._atol))
+        self._set("SVtolerances", DOUBLE(rtol), tolerances)
         self._set("SetLinearSolver", linear, matrix)
         self._set("SetJacFn", jacobian)
         self._set("SetMaxNumSteps", LONG(STEPS_A_CALL))
+
+    def __del__(self) -> None:
+        self._objects.close()
+
+    def _made(self, name: str, *arguments: Any, free: str) -> Any:
+        """Return what a function of SUNDIALS makes in this context, which ``free`` frees; a solver by its reference."""
+        address = POINTER(self._call(name, *arguments, self._context, result=POINTER))
+        freed = ctypes.byref(address) if name.endswith("Create") else address
+        self._objects.callback(self._call, free, freed, result=None)
+        return address
 
     def _set(self, name: str, *arguments: Any) -> None:
         self._call(f"{self.family}{name}", self._solver, *arguments)
