@@ -99,10 +99,10 @@ def reference(
     seconds = math.inf if seconds is None else positive("seconds", seconds)
     end = clock() + seconds
 
-    def within(share: float, request: Request) -> Reference:
-        """The solution to where this share of the CPU seconds to the end of the budget brings it."""
+    def within(parts: float, request: Request) -> Reference:
+        """The solution to where one of so many parts of the CPU seconds that are left brings it."""
         try:
-            with deadline(end - clock(), share):
+            with deadline(end - clock(), parts):
                 solution = _solution(request)
         except OutOfTime as late:  # adaptive solutions end there, others are solved again
             solution = _solution(_until(late.t, request, seconds))

@@ -74,7 +74,7 @@ METHODS = tuple(REFERENCES)
 RTOL = 1e-10  # of an adaptive reference by default
 BEST = ("exact", "cvode-adams", "dop853")  # the first that takes a system is the best reference of it
 COMPARED = ("exact", "cvode-adams", "cvode", "ida", "kvaerno5")  # references of a comparison by default
-BUDGET = 10.0  # CPU seconds that one reference of a comparison may take by default, the main one MAIN times as many
+BUDGET = 12.0  # CPU seconds that one reference of a comparison may take by default, the main one MAIN times as many
 MAIN = 8.0
 COMPARED_RIGID = ("exact",)  # on rigid stops, which no other takes
 

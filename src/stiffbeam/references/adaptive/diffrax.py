@@ -210,12 +210,11 @@ def _march(
 
     def going_on(carry: Any) -> Any:
         # The march ends also where steps become too short. ``step`` reports a march without any step as a failure.
-        now, _, length, _, _, made, _, _, _ = carry
+        (now, *_), _, length, made, *_ = carry
         return (made < count) & (now < end) & (length > LEAST_STEP * jnp.abs(now)) & jnp.isfinite(length)
 
     def one(carry: Any) -> Any:
-        now, state, length, memory, control, made, tried, times, states = carry
-        length = jnp.minimum(length, max_step)
+        (now, state, memory), control, length, made, tried, times, states = carry
         # An output too close for a step of its own lies in the next one.
         due = jnp.minimum(end, jnp.min(jnp.where(outputs > now + 10.0 * LEAST_STEP * jnp.abs(now), outputs, jnp.inf)))
         # A step that ends a little before ``due`` is stretched to it: the rest would be a billionth of it.
@@ -230,20 +229,17 @@ def _march(
         proposed = ahead - jnp.where(keep, until, now)
         # A step cut short by an output does not tell that the next has to be as short.
         proposed = jnp.where(keep & last, jnp.maximum(proposed, length), proposed)
-        memory = jax.tree.map(lambda a, b: jnp.where(keep, a, b), new_memory, memory)
-        times = times.at[made].set(jnp.where(keep, until, times[made]))
-        states = states.at[made].set(jnp.where(keep, new, states[made]))
-        return (
-            jnp.where(keep, until, now), jnp.where(keep, new, state), proposed, memory, control, made + keep,
-            tried + 1, times, states,
-        )  # fmt: skip
+        # The next step is written over a rejected one.
+        times, states = times.at[made].set(until), states.at[made].set(new)
+        reached = jax.tree.map(lambda x, y: jnp.where(keep, x, y), (until, new, new_memory), (now, state, memory))
+        return reached, control, proposed, made + keep, tried + 1, times, states
 
-    memory = solver.init(term, t, end, z, arguments)
+    start = t, z, solver.init(term, t, end, z, arguments)
     zero = jnp.zeros((), jnp.int64)
     # Arrays of fixed size, as a compiled loop needs them; ``count`` is at most CAPACITY.
     buffers = jnp.zeros(CAPACITY), jnp.zeros((CAPACITY, len(z)))
-    _, _, length, _, _, made, tried, times, states = lax.while_loop(
-        going_on, one, (t, z, dt, memory, control, zero, zero, *buffers)
+    _, _, length, made, tried, times, states = lax.while_loop(
+        going_on, one, (start, control, jnp.minimum(dt, max_step), zero, zero, *buffers)
     )
     return times, states, made, tried, length
 
