@@ -18,7 +18,6 @@ from ...basics import storage
 from ...basics.arrays import Array
 from ...basics.resources import once
 from ...basics.validation import InputError
-from ...model.contact import linear
 from ...model.right_hand_side import RightHandSide, numbers_of, rate_with_integrals
 from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
@@ -94,8 +93,9 @@ class Program:
         self.rhs, self.rtol, self._tolerances = rhs, rtol, (rtol, atol)
         # The first stage of a step is the last one of the step before (FSAL).
         self.stages = len(kind.tableau.b_sol) - 1
-        # Modal needs y' linear in y.
-        self._linear = linear(rhs.system.contacts)
+        # Modal needs y' linear in y, which it is in a phase with any dashpots.
+        laws = [contact.stops.coefficients for contact in rhs.system.contacts]
+        self._linear = all(law.p == 1.0 and law.lam == 0.0 for law in laws)
         self._modal: dict[bytes, Modal | None] = {}
         with float64_on_the_processor():
             exponents, numbers = numbers_of(rhs.equations)
