@@ -71,7 +71,8 @@ def reference(
         None shows a bar after 3 s, True at once, False nothing. A function is called as show(what, done, total) with
         the solutions that are done: the reference itself and those its horizon is measured with.
     seconds : float, optional
-        CPU seconds, horizon included, after which the reference ends where it has come to; see provenance["budget"].
+        CPU seconds, horizon included, after which the reference ends where it has come to, an adaptive one with the
+        outputs up to there; see provenance["budget"].
 
     Returns
     -------

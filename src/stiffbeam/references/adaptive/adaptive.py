@@ -53,10 +53,13 @@ def reference_from(
 
     # Outputs at t, from which positions and velocities of all channels follow.
     result = solve(t)
-    if len(result.states) < 2:
+    t, states, end = t[: len(result.states)], result.states, result.end
+    if request.t_eval is None and t[-1] < end:  # a deadline between two outputs
+        t, states = np.append(t, end), [*states, result.z]
+    if len(states) < 2:
         raise OutOfTime(0.0)
-    z, end = np.array(result.states), result.end
-    t, y = t[: len(z)], z[:, : rhs.states]
+    z = np.array(states)
+    y = z[:, : rhs.states]
     intervals = [part._replace(end=min(part.end, end)) for part in intervals if part.start < end]
     positions, velocities = rhs.channels(t, y)
     tip = system.tip_channel

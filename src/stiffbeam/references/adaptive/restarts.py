@@ -227,8 +227,9 @@ Solver = Callable[[Phase], dict[str, int]]
 class Path:
     """A motion from event to event, by a ``solver`` of phases, which returns what it has counted.
 
-    states: at the outputs. end: the time that it has reached. spans: the contacts of every side. counters: sums of what
-    the solver has counted. seconds: of CPU. Forces are computed while the functions of time may be evaluated.
+    states: at the outputs. end, z: the time that it has reached, and the state there. spans: the contacts of every
+    side. counters: sums of what the solver has counted. seconds: of CPU. Forces are computed while the functions of
+    time may be evaluated.
     """
 
     def __init__(self, method: str, rhs: RightHandSide, scales: Scales, solver: Solver) -> None:
@@ -281,7 +282,7 @@ class Path:
             self.states += [z] * (len(t) - len(self.states))
         for k in np.flatnonzero(self.closed).tolist():
             self.spans[k][-1].ends.append((now, z, rhs.pressing(now, z, k)))
-        self.end, self.seconds = now, clock() - begun
+        self.end, self.z, self.seconds = now, z, clock() - begun
 
     def _phase(self, interval: Interval, now: float, z: Array, times: Array) -> tuple[Phase, list[int]]:
         """Integrate from an event to the next, or to the end of the interval; also the sides that change there.
