@@ -113,6 +113,7 @@ FAULTS = [
     ("model", "model/time_functions.py", "function.frequency, function.phase + np.pi / 2)", "function.frequency, function.phase - np.pi / 2)"),
     ("model", "model/time_functions.py", "(factor * inner, f) for factor, term", "(inner, f) for factor, term"),
     ("model", "model/time_functions.py", "function.amplitude * math.cos(function.phase)", "function.amplitude * math.sin(function.phase)"),
+    ("references", "references/horizon.py", "float(min(a.t[-1], b.t[-1]))", "float(a.t[-1])"),
     ("references", "model/time_functions.py", "for k in range(last - 1, first - 1, -1):", "for k in range(last - 1, first, -1):"),
     ("model", "model/time_functions.py", "self.derivative + times)", "self.derivative)"),
     ("model", "model/reduction.py", "/ np.sqrt(squares[-modes:])", "/ squares[-modes:]"),

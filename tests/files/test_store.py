@@ -301,7 +301,7 @@ def test_every_parameter_has_a_file_of_its_own(folder, eight_cells, monkeypatch)
 
 
 def test_what_has_no_key_leaves_no_file(folder, eight_cells, monkeypatch):
-    from stiffbeam.references.adaptive import sundials
+    from stiffbeam.references.adaptive import restarts
 
     assert sb.cached_reference(eight_cells, 0.05).provenance["method"] == "exact"  # solved again, as fast as it is read
     pushed = sb.BeamProblem(stiffness=300.0, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
@@ -314,7 +314,7 @@ def test_what_has_no_key_leaves_no_file(folder, eight_cells, monkeypatch):
             sb.cached_reference(*arguments, **options)
     with pytest.raises(TypeError, match="tolerance"):
         sb.cached_reference(eight_cells, 0.1, "cvode", tolerance=1e-6)
-    monkeypatch.setattr(sundials, "MAX_STEPS", 20)
+    monkeypatch.setattr(restarts, "MOST_EVALUATIONS", 20)
     with pytest.raises(sb.SolverFailure):
         sb.cached_reference(eight_cells, 0.06, "cvode", TIMES)
     assert not folder.exists()

@@ -15,9 +15,8 @@ from systems import bouncing_chain, one_mass
 import stiffbeam as sb
 from stiffbeam.pytest_plugin import within_reference
 from stiffbeam.references import REFERENCES, solve
-from stiffbeam.references.adaptive import intervals
-from stiffbeam.references.adaptive.intervals import smooth_intervals
-from stiffbeam.references.registry import Steps
+from stiffbeam.references.adaptive.restarts import Interval, smooth_intervals
+from stiffbeam.references.registry import Request
 
 SLOW = ("radau", "kvaerno3", "kvaerno5")
 STIFFNESS = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.0]])
@@ -47,8 +46,8 @@ def struck(width: float, start: float = 0.5, load=None) -> sb.System:
     )
 
 
-def parts(load, t_end: float = 1.0, **options) -> list[intervals.Interval]:
-    return smooth_intervals(struck(0.002, load=load), t_end, Steps(**options))
+def parts(load, t_end: float = 1.0, **options) -> list[Interval]:
+    return smooth_intervals(Request(struck(0.002, load=load), t_end, "cvode", **options))
 
 
 @pytest.mark.parametrize("method", PHASED)
@@ -76,7 +75,7 @@ def test_a_function_states_its_breakpoints_itself():
 
 def test_max_step_is_held_and_what_makes_no_sense_is_refused():
     system = struck(2e-3)
-    few, many = (solve(system, 0.1, "cvode-adams", None, 1e-4, None, steps=Steps(max_step=h)) for h in (None, 1e-4))
+    few, many = (solve(system, 0.1, "cvode-adams", None, 1e-4, max_step=h) for h in (None, 1e-4))
     assert many.work.counters["rhs"] >= 1000 > few.work.counters["rhs"]
     for options, name in (
         ({"max_step": -1.0}, "max_step"),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
+from stiffbeam import references
 from stiffbeam.basics import resources
 from stiffbeam.files.store import freeze
 from stiffbeam.references import REFERENCES, solve
@@ -33,7 +34,8 @@ def test_a_tolerance_below_float64_is_refused(method, system):
 def test_sundials_that_gives_up_says_where_and_what_to_do(method, system, monkeypatch):
     from stiffbeam.references.adaptive import sundials
 
-    monkeypatch.setattr(sundials, "MAX_STEPS", 20)
+    monkeypatch.setattr(sundials, "STEPS_A_CALL", 20)
+    monkeypatch.setattr(sundials, "TOO_MUCH_WORK", None)
     with pytest.raises(sb.SolverFailure, match=rf"{method} stopped at t = .*steps.*; loosen rtol"):
         solve(system, 0.1, method, None, 1e-10, None)
 
@@ -128,3 +130,48 @@ def test_what_no_pass_repeats_takes_its_time_from_all(monkeypatch):
         now[0] = 11.1
         with pytest.raises(resources.OutOfTime):
             resources.in_time(0.5)
+
+
+class Ticking:
+    """A clock on which every look is a second."""
+
+    def __init__(self, monkeypatch, *modules) -> None:
+        self.now = 0.0
+        for module in modules:
+            monkeypatch.setattr(module, "clock", self)
+
+    def __call__(self) -> float:
+        self.now += 1.0
+        return self.now
+
+
+@pytest.mark.parametrize("method", ["cvode-adams", "ida", "dop853", "radau", "kvaerno5"])
+def test_an_adaptive_reference_ends_where_its_budget_does(method, system, monkeypatch):
+    """It is one path, not solved again, and the exact solution is the judge of it; further times lie on it, too."""
+    t = np.linspace(0.0, 0.2, 2001)
+    exact = sb.reference(system, 0.2, t_eval=t)
+    Ticking(monkeypatch, resources, references)
+    run = sb.reference(system, 0.2, method, t, rtol=1e-8, seconds=500.0)
+    end = run.provenance["t_end"]
+    assert 0.0 < run.t[-1] <= end < 0.2
+    assert f"to t = {end:.3g} of 0.2: its budget of 500 s" in run.provenance["budget"]
+    assert run.horizon == run.t[-1]
+    np.testing.assert_allclose(run.tip, exact.tip[: len(run.t)], atol=1e-5 * np.max(np.abs(exact.tip)))
+    wanted = exact.impacts.times[exact.impacts.times <= end]
+    np.testing.assert_allclose(run.impacts.times, wanted, atol=1e-6)
+    between = np.array([0.3, 0.7]) * run.t[-1]
+    np.testing.assert_allclose(run.at(between)[0], exact.at(between)[0], atol=1e-5 * np.max(np.abs(exact.tip)))
+
+
+def test_a_horizon_ends_where_the_second_solution_has_no_more_time(monkeypatch):
+    """Of two solutions only what both have followed is certified."""
+    stops = sb.Stops(upper=0.1, stiffness=1e4, exponent=1.5)
+    hertz = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stops)], initial_velocity=[1.0])
+    t = np.linspace(0.0, 100.0, 4001)
+    Ticking(monkeypatch, resources, references)
+    run = sb.reference(hertz, 100.0, "cvode-adams", t, rtol=1e-8, seconds=6000.0)
+    assert "ends there" in run.provenance["budget"]
+    assert "that one ends at t = " in run.provenance["horizon_against"]
+    assert 1.0 < run.horizon < run.t[-1] < 100.0
+    with pytest.raises(sb.SolverFailure, match="5 s of CPU end before its first outputs; give more seconds"):
+        sb.reference(hertz, 100.0, "cvode-adams", t, seconds=5.0)

@@ -70,9 +70,14 @@ def once() -> Generator[None, None, None]:
     _DEADLINE.set((end + (1.0 - 1.0 / passes) * (clock() - begun), passes))
 
 
+def late() -> bool:
+    """Return True past the ``deadline``."""
+    return clock() > _DEADLINE.get()[0]
+
+
 def in_time(t: float) -> None:
     """Raise OutOfTime past the ``deadline``: solvers call it at the times t that they have reached."""
-    if clock() > _DEADLINE.get()[0]:
+    if late():
         raise OutOfTime(t)
 
 

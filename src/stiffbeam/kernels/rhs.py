@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -51,9 +50,16 @@ class Equations(SimpleNamespace):
         self.lengths, self.levels = np.ones(m), np.zeros(self.roots)
         self.regime, self.window = np.full(m, THROUGH, np.int64), np.array([-np.inf, np.inf])
         self.given = np.zeros((3, called))
+        self._structure = self._for_c()
+        # Address of the description for C, which holds as long as this object does.
+        self.c = ctypes.addressof(self._structure)
+        n = self.pushes.shape[1]
+        # f(t, y), (n,); f(t, z), (size,); the event functions less their levels, (roots,).
+        self.state_rate = self._function("state_rate", n, n)
+        self.right_hand_side = self._function("right_hand_side", size, size)
+        self.event_functions = self._function("event_functions", size, len(self.levels))
 
-    @cached_property
-    def _structure(self) -> Any:
+    def _for_c(self) -> Any:
         # Entry (i, j) of a Jacobian at first + i + j stride: the storage of SUNDIALS.
         first, stride = 0, self.size
         if self.bandwidths is not None:
@@ -73,30 +79,10 @@ class Equations(SimpleNamespace):
             d=1 + 2 * len(self.frequencies) + self.records.shape[1] + self.called,
         )  # fmt: skip
 
-    @cached_property
-    def c(self) -> int:
-        """Address of the description for C, which holds as long as this object does."""
-        return ctypes.addressof(self._structure)
-
     @property
     def roots(self) -> int:
         """Number of event functions."""
         return (3 if self.damped else 2) * int(np.sum(np.isfinite(self.law[:, 1:3])))
-
-    @cached_property
-    def state_rate(self) -> Callable[[float, Array], Array]:
-        """f(t, y), (n,)."""
-        return self._function("state_rate", self.pushes.shape[1], self.pushes.shape[1])
-
-    @cached_property
-    def right_hand_side(self) -> Callable[[float, Array], Array]:
-        """f(t, z), (size,)."""
-        return self._function("right_hand_side", self.size, self.size)
-
-    @cached_property
-    def event_functions(self) -> Callable[[float, Array], Array]:
-        """The event functions less their levels, (roots,)."""
-        return self._function("event_functions", self.size, len(self.levels))
 
     def _function(self, name: str, size: int, results: int) -> Callable[[float, Array], Array]:
         """A function of a time and a state of this size. Solvers call it for each evaluation, so that it hands over

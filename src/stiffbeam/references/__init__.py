@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from ..basics.progress import Show, working
-from ..basics.resources import OutOfTime, deadline
+from ..basics.resources import OutOfTime, clock, deadline
 from ..basics.validation import InputError, numbers, positive
-from .registry import (
-    ADAPTIVE,
-    BEST,
-    EXACT,
-    METHODS,
-    REFERENCES,
-    RTOL,
-    Request,
-    Steps,
-    method_of,
-)
+from .registry import ADAPTIVE, BEST, EXACT, METHODS, MULTIPRECISION, REFERENCES, RTOL, Request, method_of
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..model.system import System
     from ..trajectory.trajectory import Reference
@@ -31,9 +22,9 @@ if TYPE_CHECKING:
 
 __all__ = ["METHODS", "REFERENCES", "best_reference", "reference", "solve", "substitute", "takes"]
 
-# Passes of a reference that a deadline ends: the first, one to its end, and for its horizon eight copies of an exact
-# one, of any other a second solution with shorter steps.
-PASSES, PASSES_OF_EXACT = 4.0, 10.0
+# The first solution takes one part of so many of a budget. An adaptive one, which ends where its part does, leaves the
+# other to a second opinion; one to be solved again to its end leaves more, and an exact one eight copies.
+PASSES = {ADAPTIVE: 2.0, MULTIPRECISION: 4.0, EXACT: 10.0}
 LEAST_STEP = 1e-7  # of t_end, that a caller may bound steps by
 BEST_RTOL = 1e-12  # of an adaptive solver where a system has no exact solution
 
@@ -80,7 +71,8 @@ def reference(
         None shows a bar after 3 s, True at once, False nothing. A function is called as show(what, done, total) with
         the solutions that are done: the reference itself and those its horizon is measured with.
     seconds : float, optional
-        CPU seconds, horizon included, after which the reference ends where it has come to; see provenance["budget"].
+        CPU seconds, horizon included, after which the reference ends where it has come to, an adaptive one with the
+        outputs up to there; see provenance["budget"].
 
     Returns
     -------
@@ -101,28 +93,34 @@ def reference(
     >>> reference.horizon, reference.impacts.count
     (0.2, 42)
     """
-    from ..model.time_functions import times_of
     from .horizon import with_horizon
 
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
-    steps = Steps(tuple(times_of("breakpoints", breakpoints).tolist()), max_step)
-    request = _checked(Request(system, t_end, method, times, rtol, atol, digits, steps))
+    request = _checked(Request(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step))
     seconds = math.inf if seconds is None else positive("seconds", seconds)
-    with working(f"{method}: solving", progress) as show:
-        show(f"{method}: solving", 0, 0)
+    end = clock() + seconds
+
+    def within(parts: float, request: Request) -> Reference:
+        """The solution to where one of so many parts of the CPU seconds that are left brings it."""
         try:
-            with deadline(seconds, PASSES_OF_EXACT if method == "exact" else PASSES):
+            with deadline(end - clock(), parts):
                 solution = _solution(request)
-        except OutOfTime as late:
-            whole, request = request.t_end, _until(late.t, request, seconds)
-            solution = _solution(request)
+        except OutOfTime as late:  # adaptive solutions end there, others are solved again
+            solution = _solution(_until(late.t, request, seconds))
+        reached = float(solution.provenance["t_end"])
+        if reached < request.t_end:
             solution.provenance["budget"] = (
-                f"to t = {request.t_end:.3g} of {whole:.3g}: its budget of {seconds:g} s of CPU, horizon included, "
+                f"to t = {reached:.3g} of {request.t_end:.3g}: its budget of {seconds:g} s of CPU, horizon included, "
                 "ends there"
             )
+        return solution
+
+    with working(f"{method}: solving", progress) as show:
+        show(f"{method}: solving", 0, 0)
+        solution = within(PASSES[method_of(method).kind], request)
         if not math.isnan(solution.horizon):
             return solution  # confirmed by more digits
-        return with_horizon(solution, request, _solution, show)
+        return with_horizon(solution, request, partial(within, 1.0), show)
 
 
 def _until(t: float, request: Request, seconds: float) -> Request:
@@ -182,43 +180,34 @@ def takes(method: str, system: System, t_end: float) -> bool:
     return not substitute(system, t_end)
 
 
-def solve(
-    system: System,
-    t_end: float,
-    method: str,
-    t_eval: NDArray[Any] | None,
-    rtol: float,
-    atol: float | None,
-    digits: int | str = "auto",
-    steps: Steps = Steps(),  # noqa: B008
-) -> Reference:
-    """``reference`` without the horizon, except for multiprecision, which computes its own; t_eval: (k,) or None.
+def solve(*request: Any, **options: Any) -> Reference:
+    """``reference`` without the horizon, except for multiprecision, which computes its own; arguments of ``Request``.
 
     Raises InputError for what the method cannot take or a library that is missing, SolverFailure where it
     gives up.
     """
-    return _solution(_checked(Request(system, t_end, method, t_eval, rtol, atol, digits, steps)))
+    return _solution(_checked(Request(*request, **options)))
 
 
 def _checked(request: Request) -> Request:
     """The request, t_end a float. Raises InputError for what its method cannot take."""
     from ..model.system import require_system
+    from ..model.time_functions import times_of
 
-    system, method, steps = request.system, request.method, request.steps
-    require_system(system)
+    method, longest, breaks = request.method, request.max_step, times_of("breakpoints", request.breakpoints)
+    require_system(request.system)
     adaptive, t_end = method_of(method).kind == ADAPTIVE, positive("t_end", request.t_end)
-    if steps.max_step is not None and positive("max_step", steps.max_step) < LEAST_STEP * t_end:
-        raise InputError("max_step", steps.max_step, f"be at least {LEAST_STEP:g} of t_end", "it would take for ever")
+    if longest is not None and positive("max_step", longest) < LEAST_STEP * t_end:
+        raise InputError("max_step", longest, f"be at least {LEAST_STEP:g} of t_end", "it would take for ever")
     if adaptive:
         if not 1e-150 <= t_end <= 1e150:
             raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
-        for contact in system.contacts:
+        for contact in request.system.contacts:
             contact.stops.require_compliant(f"the adaptive solver {method}")
-    for name in ("breakpoints", "max_step"):
-        given = getattr(steps, name)
-        if not adaptive and given not in ((), None):
-            raise InputError(name, given, f"be left out for {method}", "it has no steps to bound")
-    return request._replace(t_end=t_end)
+    elif longest is not None or len(breaks):
+        field, given = ("breakpoints", breaks) if longest is None else ("max_step", longest)
+        raise InputError(field, given, f"be left out for {method}", "it has no steps to bound")
+    return request._replace(t_end=t_end, breakpoints=breaks)
 
 
 def _solution(request: Request) -> Reference:

@@ -48,15 +48,16 @@ class Watched(NamedTuple):
     struck: Array = np.zeros(0)
 
 
-def agreement(a: Trajectory, b: Trajectory, tolerance: float, part: float = 1.0) -> float:
-    """The time to which a and b agree: |du| <= 1e-3 max|u| at output times, impact times to ``tolerance``.
+def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
+    """The time to which a and b agree to PART of |du| <= 1e-3 max|u| at output times, and of impact times to
+    ``tolerance``.
 
     u is the position of the tip and, each by itself, of every contact, see ``scales_of``. Impacts are paired in order,
     see ``impacts_match_until``, and must differ by less than a twentieth of the mean time between those of their
-    contact too. Both must have the same output times. max|u| is the smaller of the two: past the horizon, one that has
-    diverged may move further than the system does. part: of the tolerances.
+    contact too. Both must have the same output times, but one may end earlier. max|u| is the smaller of the two: past
+    the horizon, one that has diverged may move further than the system does.
     """
-    return agree_until(watched(a), watched(b), tolerance, list(np.fmin(scales_of(a), scales_of(b))), part)
+    return agree_until(watched(a), watched(b), tolerance, list(np.fmin(scales_of(a), scales_of(b))))
 
 
 def watched(run: Trajectory) -> Watched:
@@ -97,21 +98,20 @@ def _reach(run: Trajectory) -> Array:
     return length * np.sqrt(np.sum(rows * np.linalg.solve(system.mass, rows.T).T, axis=1))
 
 
-def agree_until(
-    a: Watched, b: Watched, tolerance: float, scales: Sequence[float], part: float = 1.0, chatters: bool = False
-) -> float:
-    """See ``agreement``; part: of the tolerances; chatters: see ``impacts_match_until``."""
-    end = float(min(a.t[-1], b.t[-1]))
+def agree_until(a: Watched, b: Watched, tolerance: float, scales: Sequence[float], chatters: bool = False) -> float:
+    """See ``agreement``; chatters: see ``impacts_match_until``."""
+    n = min(len(a.t), len(b.t))
+    t, end = a.t[:n], float(min(a.t[-1], b.t[-1]))
     horizon = end
     if len(a.struck) and np.max(np.abs(a.struck - b.struck)) > IMPULSES * np.max(np.abs([a.struck, b.struck])):
         return 0.0
     for u, other, scale in zip(a.paths, b.paths, scales, strict=True):
-        close = np.abs(u - other) <= part * DISPLACEMENT_TOLERANCE * scale  # NaN is not
-        horizon = min(horizon, last_before(a.t, ~close, end))
+        close = np.abs(u[:n] - other[:n]) <= PART * DISPLACEMENT_TOLERANCE * scale  # NaN is not
+        horizon = min(horizon, last_before(t, ~close, end))
     for k, (c, d) in enumerate(zip(a.impacts, b.impacts, strict=True), 1):
         least = min(tolerance, apart(max(c.count, d.count), end))
         begun = max(at_rest_until(x.t, x.paths[k], scales[k]) for x in (a, b))
-        horizon = min(horizon, impacts_match_until(c, d, part * least, end, chatters, begun))
+        horizon = min(horizon, impacts_match_until(c, d, PART * least, end, chatters, begun))
     return horizon
 
 
@@ -174,7 +174,7 @@ def copies_agree_until(
             horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
             part, other = _copied(copy, t, float(np.nextafter(horizon, 0.0)))
         # Of a chatter either may count more impacts.
-        agreed = agree_until(_watched_motion(motion, part), other, tolerance, scales, PART, motion.system.rigid)
+        agreed = agree_until(_watched_motion(motion, part), other, tolerance, scales, motion.system.rigid)
         horizon = min(horizon, agreed)
     return horizon
 
@@ -246,12 +246,12 @@ def with_horizon(
 
     The exact solution is compared with perturbed copies of itself, see ``exact_horizon``. Any other solution is
     compared with the exact one. If that does not exist, it is compared with itself at ten times its rtol, with steps of
-    less than half the length and the functions of time sampled at other points. A load that one of the two missed makes
-    them differ; a load that both missed is not found. Both must agree to half the tolerance, so that each may be off by
-    the other half. solve: the function that solves another request. Raises SolverFailure for an exact solution without
-    any valid time span.
+    less than half the length and the functions of time sampled at other points; the horizon ends where the time of
+    that one does. A load that one of the two missed makes them differ; a load that both missed is not found. Both must
+    agree to half the tolerance, so that each may be off by the other half. solve: the function that solves another
+    request. Raises SolverFailure for an exact solution without any valid time span.
     """
-    system, t_end = request.system, request.t_end
+    system, t_end = request.system, float(reference.provenance["t_end"])
     tolerance = time_tolerance(system, t_end)
     notes: dict[str, Any] = {}
     if request.method == "exact":
@@ -263,12 +263,15 @@ def with_horizon(
             other = solve_exact(system, t_end, reference.t)
             against = "exact"
         except (InputError, SolverFailure):
-            rtol, steps = 10.0 * request.rtol, request.steps._replace(other=True)
+            rtol = 10.0 * request.rtol
             against = f"itself at rtol {rtol:g} with shorter steps"
-            other = solve(request._replace(t_eval=reference.t, rtol=rtol, atol=None, steps=steps))
+            other = solve(request._replace(t_end=t_end, t_eval=reference.t, rtol=rtol, atol=None, second=True))
+            if "budget" in other.provenance:
+                against += f"; that one ends at t = {other.provenance['t_end']:.3g}"
+                notes["budget"] = reference.provenance.get("budget", other.provenance["budget"])
             seen = reference.provenance.get("functions_seen_every", 0.0)
             against += f"; functions in Python seen at steps of at most {seen:.2g}" if seen else ""
-        horizon, notes["horizon_against"] = agreement(reference, other, tolerance, PART), against
+        horizon, notes["horizon_against"] = agreement(reference, other, tolerance), against
     # The tolerance to state is the strictest: contacts that are hit often have a smaller one.
     tolerance = min([tolerance, *(apart(c.impacts.count, t_end) for c in reference.contacts)])
     notes |= {

@@ -5,7 +5,6 @@ Everything that lists solvers reads this: ``reference`` and its commands, the ca
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,6 +15,8 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, near
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from ..model.system import System
 
 EXACT, MULTIPRECISION, ADAPTIVE = "exact", "multiprecision", "adaptive"
@@ -73,7 +74,7 @@ METHODS = tuple(REFERENCES)
 RTOL = 1e-10  # of an adaptive reference by default
 BEST = ("exact", "cvode-adams", "dop853")  # the first that takes a system is the best reference of it
 COMPARED = ("exact", "cvode-adams", "cvode", "ida", "kvaerno5")  # references of a comparison by default
-BUDGET = 20.0  # seconds that one reference of a comparison may take by default
+BUDGET = 12.0  # CPU seconds that one reference of a comparison may take by default
 COMPARED_RIGID = ("exact",)  # on rigid stops, which no other takes
 
 
@@ -90,33 +91,24 @@ def method_of(name: str, field: str = "method") -> Method:
 OUTPUTS = 2001  # times of a solution, where none are asked for
 
 
-class Steps(NamedTuple):
-    """Bounds of the steps of an adaptive solver besides its tolerances.
-
-    breakpoints: times of a restart. max_step: longest step, None for what the functions of time require. other: scan at
-    other points and shorter steps, for a second opinion.
-    """
-
-    breakpoints: Array | Sequence[float] = ()
-    max_step: float | None = None
-    other: bool = False
-
-
 class Request(NamedTuple):
     """The solution of ``system`` on [0, t_end] by ``method``, output at t_eval (k,), None for 2001 times.
 
-    rtol, atol and steps are for the adaptive solvers, atol None for rtol/100 of the scale of every
-    unknown; digits, a number or "auto", is for multiprecision.
+    Those below are for the adaptive solvers, but for digits, a number or "auto", of multiprecision. atol: None for
+    rtol/100 of the scale of every unknown. breakpoints: times of a restart. max_step: longest step, None for what the
+    functions of time require. second: a second opinion, with shorter steps that lie at other times.
     """
 
     system: System
     t_end: float
     method: str
-    t_eval: Array | None
-    rtol: float
-    atol: float | None
-    digits: int | str
-    steps: Steps
+    t_eval: Array | None = None
+    rtol: float = RTOL
+    atol: float | None = None
+    digits: int | str = "auto"
+    breakpoints: ArrayLike = ()
+    max_step: float | None = None
+    second: bool = False
 
 
 def provenance_of(system: System, method: str, t_end: float, notes: dict[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,5 @@
 
 sundials, diffrax, scipy         one library each: ``solve(request)``
 adaptive                         common parts: tolerances, the Reference from a solution
-restarts                         integration from event to event, by the roots of every gap
-intervals                        intervals in which the functions of time are smooth, and their longest steps
+restarts                         integration from event to event, in intervals in which the functions of time are smooth
 """

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
-from ...basics.resources import clock
+from ...basics.resources import OutOfTime, clock
 from ...basics.validation import InputError, positive
 from ...model.right_hand_side import RightHandSide
 from ...model.time_functions import in_closed_form
 from ...trajectory.records import ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
-from .intervals import smooth_intervals
-from .restarts import Outcome, Path, Phase, Scales, Span, scales_of
+from .restarts import Path, Scales, Solver, Span, scales_of, smooth_intervals
 
 LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it steps shrink without end instead of failing
 LEAST_SHARE = 1e-6  # of the default atol: below it an unknown that passes through zero stops the solver
@@ -26,26 +25,23 @@ UNCONTROLLED = 1e200  # the absolute tolerance of the impulses, which follow the
 SOLVING = RLock()  # of references that are asked for further times, by several threads at once
 
 
-Solver = Callable[[Phase], Outcome]
-
-
 def reference_from(
     request: Request, solver: Callable[[RightHandSide, float, Array], Solver], descriptor: bool = False
 ) -> Reference:
-    """The Reference of a solver that makes one phase. solver: takes the right-hand side, a ``descriptor`` or not, the
-    relative tolerance, and the absolute ones of all unknowns.
+    """The Reference of a solver of phases, to the deadline at most. solver: takes the right-hand side, a ``descriptor``
+    or not, the relative tolerance, and the absolute ones of all unknowns.
 
     atol defaults to rtol/100 of every unknown's scale (``scales_of``). Input, dissipation and impulses are integrated
     with the motion; the impulses take no part in error control, the others to rtol of the energy of the motion.
     """
-    system, t_end, method, t_eval, rtol, atol, _, steps = request
+    system, t_end, method, rtol, atol = request.system, request.t_end, request.method, request.rtol, request.atol
     rtol = positive("rtol", rtol)
     if rtol < LEAST_RTOL:
         raise InputError("rtol", rtol, f"be at least {LEAST_RTOL:.2g} in float64", "use multiprecision")
     # Smooth intervals of the loads, the equations, and the sizes from which the tolerances follow.
-    t = output_times(t_eval, t_end)
+    t = output_times(request.t_eval, t_end)
     begun = clock()
-    intervals = smooth_intervals(system, t_end, steps)  # which asks the functions of time what they are
+    intervals = smooth_intervals(request)  # which asks the functions of time what they are
     rhs = RightHandSide(system, descriptor)
     scales = scales_of(system, t_end)
     share, tolerances = _tolerances(rhs, scales, rtol, atol)
@@ -57,10 +53,16 @@ def reference_from(
 
     # Outputs at t, from which positions and velocities of all channels follow.
     result = solve(t)
-    z = np.array(result.states)
+    t, states, end = t[: len(result.states)], result.states, result.end
+    if request.t_eval is None and t[-1] < end:  # a deadline between two outputs
+        t, states = np.append(t, end), [*states, result.z]
+    if len(states) < 2:
+        raise OutOfTime(0.0)
+    z = np.array(states)
     y = z[:, : rhs.states]
+    intervals = [part._replace(end=min(part.end, end)) for part in intervals if part.start < end]
     positions, velocities = system.motions(t, y[:, ::2], y[:, 1::2])
-    tip, end = system.tip_channel, intervals[-1].end
+    tip = system.tip_channel
     evaluate, state_at = _answers(solve, rhs, end, t, y)
     # Record of how the solution was computed.
     bounds = [interval.max_step for interval in intervals if np.isfinite(interval.max_step)]
@@ -79,8 +81,8 @@ def reference_from(
             _contact_record(rhs, i, (positions[:, i], velocities[:, i]), result.spans, end)
             for i in range(len(system.contacts))
         ),
-        work=Work(steps=0, seconds=clock() - begun, march_seconds=result.seconds, counters=result.counters),
-        provenance=provenance_of(system, method, t_end, notes),
+        work=Work(steps=0, seconds=clock() - begun, march_seconds=result.seconds, counters=dict(result.counters)),
+        provenance=provenance_of(system, method, end, notes),
         system=system,
         evaluate=evaluate,
         state_at=state_at,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
@@ -11,18 +11,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from scipy.integrate import OdeSolver
+from scipy.interpolate import CubicHermiteSpline
 
 from ...basics import storage
 from ...basics.arrays import Array
 from ...basics.resources import once
 from ...basics.validation import InputError
-from ...model.contact import linear
 from ...model.right_hand_side import RightHandSide, numbers_of, rate_with_integrals
 from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, Request
-from .adaptive import Solver, reference_from
-from .scipy import Stepping
+from .adaptive import reference_from
+from .restarts import Solver
+from .scipy import NO_TIMES, Stepping
 
 CAPACITY = 128  # steps per call of the program: bounds its memory and lets an interrupt through
 FIRST_STEPS = 2  # of the first call after a start, twice as many in each that follows: an event makes the rest waste
@@ -46,13 +48,12 @@ def solve(request: Request) -> Reference:
 
     system, method = request.system, request.method
     require_closed_form(system.time_functions, method)
-    name = REFERENCES[method].solver
-    assert hasattr(diffrax, name)
+    kind = getattr(diffrax, REFERENCES[method].solver)
     if jax.config.values["jax_compilation_cache_dir"] is None:
         jax.config.update("jax_compilation_cache_dir", str(storage.directory() / "jax"))
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        return Stepping(method, partial(Stepper, Program(rhs, name, rtol, atol)), rhs).run
+        return Stepping(method, partial(Stepper, Program(rhs, kind, rtol, atol)))
 
     return reference_from(request, solver)
 
@@ -86,80 +87,66 @@ class Span(NamedTuple):
 class Program:
     """The compiled march of a solver of diffrax for one right-hand side, whose regime and window change."""
 
-    def __init__(self, rhs: RightHandSide, name: str, rtol: float, atol: Array) -> None:
-        import diffrax
+    def __init__(self, rhs: RightHandSide, kind: Any, rtol: float, atol: Array) -> None:
         import jax
 
-        self.rhs, self.name, self.rtol, self.atol = rhs, name, rtol, atol
+        self.rhs, self.rtol, self._tolerances = rhs, rtol, (rtol, atol)
         # The first stage of a step is the last one of the step before (FSAL).
-        self.stages = len(getattr(diffrax, name).tableau.b_sol) - 1
-        # Modal needs y' linear in y.
-        self._linear = linear(rhs.system.contacts)
+        self.stages = len(kind.tableau.b_sol) - 1
+        # Modal needs y' linear in y, which it is in a phase with any dashpots.
+        laws = [contact.stops.coefficients for contact in rhs.system.contacts]
+        self._linear = all(law.p == 1.0 and law.lam == 0.0 for law in laws)
         self._modal: dict[bytes, Modal | None] = {}
         with float64_on_the_processor():
-            self._exponents, numbers = numbers_of(rhs.equations)
-            self._numbers = jax.device_put(numbers)
+            exponents, numbers = numbers_of(rhs.equations)
+            self._numbers, self._march = jax.device_put(numbers), _compiled(kind, exponents)
         with once():
             self(Span(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0))  # compiles
 
     def __call__(self, span: Span) -> tuple[Any, ...]:
         """``_march`` in the regime of now, with up to CAPACITY outputs."""
-        with float64_on_the_processor():
-            arguments = self._arguments()
-            ahead = np.full(CAPACITY, np.inf)
-            ahead[: len(span.outputs)] = span.outputs
-            march = _compiled(self.name, self._exponents)
-            found = march(arguments, (self.rtol, self.atol), span._replace(outputs=ahead))
-            return tuple(map(np.asarray, found))
-
-    def _arguments(self) -> tuple[Any, Modal | None]:
-        """Numbers of the right-hand side, and its Jacobian in its eigenvectors."""
         rhs, regime = self.rhs, self.rhs.regime.tobytes()
         if regime not in self._modal:
             jacobian = rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states] if self._linear else None
             self._modal[regime] = None if jacobian is None else _modal(jacobian)
-        return self._numbers._replace(regime=rhs.regime.copy(), window=np.array(rhs.window)), self._modal[regime]
+        numbers = self._numbers._replace(regime=rhs.regime.copy(), window=rhs.window.copy())
+        ahead = np.full(CAPACITY, np.inf)
+        ahead[: len(span.outputs)] = span.outputs
+        with float64_on_the_processor():
+            found = self._march((numbers, self._modal[regime]), self._tolerances, span._replace(outputs=ahead))
+            return tuple(map(np.asarray, found))
 
 
 @cache
-def _compiled(name: str, exponents: tuple[float, ...]) -> Any:
+def _compiled(kind: Any, exponents: tuple[float, ...]) -> Any:
     """The march, compiled for every shape of its arguments once: systems of one shape share it."""
     import jax
 
-    return jax.jit(partial(_march, name, exponents))
+    return jax.jit(partial(_march, kind, exponents))
 
 
-class Stepper:
-    """A solver of diffrax with the attributes of SciPy's ``OdeSolver``, its steps made in calls of many.
+class Stepper(OdeSolver):
+    """A solver of diffrax as an ``OdeSolver`` of SciPy, its steps made in calls of many.
 
-    first_step: the first one's length. outputs: times at which steps end. t_old, t, y: of the last step.
+    first_step: the first one's length. outputs: times at which steps end. nfev: stages, at least as many as evaluations
+    of the right-hand side.
     """
+
+    unit = "stages"
 
     def __init__(
         self, program: Program, t0: float, y0: Array, t_bound: float, *, max_step: float = math.inf,
-        first_step: float | None = None, outputs: Array | None = None,
+        first_step: float | None = None, outputs: Array = NO_TIMES,
     ) -> None:  # fmt: skip
-        self.t, self.y, self.t_bound, self.status = t0, np.asarray(y0), t_bound, "running"
-        self.t_old, self._old = t0, self.y
-        self._program, self.counters = program, {"steps": 0, "stages": 0}
-        self._ahead = self._made_ahead(np.empty(0) if outputs is None else outputs, max_step, first_step)
+        super().__init__(program.rhs.value, t0, y0, t_bound, vectorized=False)
+        self._program, self._ahead = program, self._made_ahead(outputs, max_step, first_step)
 
-    @property
-    def nfev(self) -> int:
-        """Stages, at least as many as evaluations of the right-hand side."""
-        return self.counters["stages"]
-
-    def step(self) -> str | None:
-        """Make one step; return the reason where it fails."""
+    def _step_impl(self) -> tuple[bool, str | None]:
         following = next(self._ahead, None)
         if following is None:
-            self.status = "failed"
-            return "no step is short enough for the tolerances"
-        self.t_old, self._old = self.t, self.y
-        self.t, self.y = float(following[0]), following[1]
-        if self.t >= self.t_bound:
-            self.status = "finished"
-        return None
+            return False, "no step is short enough for the tolerances"
+        self._y_old, self.t, self.y = self.y, float(following[0]), following[1]
+        return True, None
 
     def _made_ahead(self, outputs: Array, max_step: float, first_step: float | None) -> Iterator[tuple[Any, Array]]:
         """Times and states of the steps, until there are none.
@@ -177,18 +164,14 @@ class Stepper:
             span = Span(self.t, self.y, length, end, due, max_step, count)
             times, states, made, tried, length = self._program(span)
             # A rejected step takes as many stages as an accepted one.
-            self.counters["steps"] += int(tried)
-            self.counters["stages"] += int(tried) * self._program.stages
+            self.nfev += int(tried) * self._program.stages
             length, count = float(length), min(CAPACITY, 2 * count)
             yield from zip(times[:made], states[:made], strict=True)
 
-    def dense_output(self) -> Callable[[Any], Array]:
+    def _dense_output_impl(self) -> Any:
         """The cubic with the states and rates at both ends of the last step."""
-        from scipy.interpolate import CubicHermiteSpline
-
-        ends = (self.t_old, self._old), (self.t, self.y)
-        slopes = [self._program.rhs.value(t, y) for t, y in ends]
-        spline = CubicHermiteSpline([self.t_old, self.t], np.array([self._old, self.y]), np.array(slopes))
+        times, states = np.array([self.t_old, self.t]), [self._y_old, self.y]
+        spline = CubicHermiteSpline(times, states, list(map(self._program.rhs.value, times.tolist(), states)))
         return lambda t: np.asarray(spline(t)).T
 
 
@@ -206,7 +189,7 @@ def _modal(jacobian: Array) -> Modal | None:
 
 
 def _march(
-    name: str, exponents: tuple[float, ...], arguments: Any, tolerances: tuple[Any, Any], span: Span
+    kind: Any, exponents: tuple[float, ...], arguments: Any, tolerances: tuple[Any, Any], span: Span
 ) -> tuple[Any, Any, Any, Any, Any]:
     """The accepted steps of a span: their times and states, the numbers of accepted and of tried steps, and the length
     of the next. arguments: of the right-hand side, and ``Modal`` or None."""
@@ -220,19 +203,18 @@ def _march(
     term = diffrax.ODETerm(lambda t, z, x: rate_with_integrals(exponents, t, z, x[0]))
     # To the tolerances of the steps, as diffrax.diffeqsolve sets it.
     finder: Any = diffrax.VeryChord if arguments[1] is None else _chord()
-    solver = getattr(diffrax, name)(root_finder=finder(rtol=rtol, atol=atol, norm=optimistix.rms_norm))
+    solver = kind(root_finder=finder(rtol=rtol, atol=atol, norm=optimistix.rms_norm))
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmax=max_step)
     order = solver.error_order(term)
     _, control = controller.init(term, t, end, z, dt, arguments, solver.func, order)
 
     def going_on(carry: Any) -> Any:
         # The march ends also where steps become too short. ``step`` reports a march without any step as a failure.
-        now, _, length, _, _, made, _, _, _ = carry
+        (now, *_), _, length, made, *_ = carry
         return (made < count) & (now < end) & (length > LEAST_STEP * jnp.abs(now)) & jnp.isfinite(length)
 
     def one(carry: Any) -> Any:
-        now, state, length, memory, control, made, tried, times, states = carry
-        length = jnp.minimum(length, max_step)
+        (now, state, memory), control, length, made, tried, times, states = carry
         # An output too close for a step of its own lies in the next one.
         due = jnp.minimum(end, jnp.min(jnp.where(outputs > now + 10.0 * LEAST_STEP * jnp.abs(now), outputs, jnp.inf)))
         # A step that ends a little before ``due`` is stretched to it: the rest would be a billionth of it.
@@ -247,20 +229,17 @@ def _march(
         proposed = ahead - jnp.where(keep, until, now)
         # A step cut short by an output does not tell that the next has to be as short.
         proposed = jnp.where(keep & last, jnp.maximum(proposed, length), proposed)
-        memory = jax.tree.map(lambda a, b: jnp.where(keep, a, b), new_memory, memory)
-        times = times.at[made].set(jnp.where(keep, until, times[made]))
-        states = states.at[made].set(jnp.where(keep, new, states[made]))
-        return (
-            jnp.where(keep, until, now), jnp.where(keep, new, state), proposed, memory, control, made + keep,
-            tried + 1, times, states,
-        )  # fmt: skip
+        # The next step is written over a rejected one.
+        times, states = times.at[made].set(until), states.at[made].set(new)
+        reached = jax.tree.map(lambda x, y: jnp.where(keep, x, y), (until, new, new_memory), (now, state, memory))
+        return reached, control, proposed, made + keep, tried + 1, times, states
 
-    memory = solver.init(term, t, end, z, arguments)
+    start = t, z, solver.init(term, t, end, z, arguments)
     zero = jnp.zeros((), jnp.int64)
     # Arrays of fixed size, as a compiled loop needs them; ``count`` is at most CAPACITY.
     buffers = jnp.zeros(CAPACITY), jnp.zeros((CAPACITY, len(z)))
-    _, _, length, _, _, made, tried, times, states = lax.while_loop(
-        going_on, one, (t, z, dt, memory, control, zero, zero, *buffers)
+    _, _, length, made, tried, times, states = lax.while_loop(
+        going_on, one, (start, control, jnp.minimum(dt, max_step), zero, zero, *buffers)
     )
     return times, states, made, tried, length
 
@@ -312,8 +291,8 @@ def float64_on_the_processor() -> Generator[None]:
     """A context in which JAX computes in float64 on the processor; outside it stays as it was.
 
     A step of a small stiff system is a chain of hundreds of short operations. Each of them costs a launch on a
-    graphics card, which JAX takes by default where there is one. Raises InputError where no device starts: a card
-    without free memory, or one that JAX_PLATFORMS names and that is not there.
+    graphics card, which JAX takes by default where there is one. Raises InputError where a device does not start: a
+    card without free memory, one that JAX_PLATFORMS names and that is not there, or a processor that it leaves out.
     """
     import jax
 
@@ -321,12 +300,9 @@ def float64_on_the_processor() -> Generator[None]:
     home = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
     try:
         jax.local_devices()
+        processor = jax.local_devices(backend="cpu")[0]
     except (RuntimeError, AssertionError) as error:  # JAX 0.10 asserts that some device has started
         reason = str(error).partition(" (you may")[0] or "none"
         raise InputError("JAX", reason, "start its devices", "set JAX_PLATFORMS=cpu in the environment") from None
-    try:
-        processor = jax.local_devices(backend="cpu")[0]
-    except RuntimeError:  # JAX_PLATFORMS leaves the processor out
-        processor = None
     with home.enable_x64(True), jax.default_device(processor):
         yield

@@ -3,10 +3,20 @@
 The solver restarts wherever its right-hand side is not smooth: at the cuts of the functions of time, at every entry
 into a stop and every exit from one. In a phase between two restarts every contact keeps its side. The force is then
 smooth beyond the stop as well, and the event is a root of a smooth function.
+
+A solver evaluates a load only at its steps. At rest it doubles its step and can pass over a short pulse. The time span
+is therefore cut where a function of time is known not to be smooth, and the step is bounded by the period of a Harmonic
+and by a share of the span for Python functions.
+
+Limitation: a Python function is seen only at the steps. A feature shorter than a step can be missed, unless the caller
+gives ``breakpoints`` around it or a ``max_step``. The reference states the bound, and its horizon is measured against
+a solution with shorter steps at other times.
 """
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,17 +25,75 @@ import numpy as np
 import scipy.linalg
 
 from ...basics.arrays import Array
-from ...basics.resources import clock, in_time
+from ...basics.resources import clock, late
 from ...basics.validation import InputError
 from ...kernels.rhs import THROUGH
 from ...model.contact import chord
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
-from ...model.time_functions import evaluate, offset_values
+from ...model.time_functions import (
+    Harmonic,
+    Sampled,
+    breakpoints_of,
+    covered,
+    evaluate,
+    in_closed_form,
+    leaves,
+    offset_values,
+)
 from ...trajectory.trajectory import SolverFailure
-from .intervals import Interval
+from ..registry import Request
 
+PERIODS_PER_STEP = 0.25  # of a Harmonic
+PER_STEP = 0.25  # of an interval with a cubic: it turns twice, and a stop that does is in and out again in one step
+STEPS_OF_FUNCTIONS = 200  # in the span, at least, where a load or an offset is a Python function
+SECOND_LOOK = 0.381966  # of the step bounds, for the steps of a second solution to lie at other times
 SAMPLES = 4097  # of every function of time, for its largest value
+STUCK = 1000  # phases without progress in time, after which a solver gives up
+MOST_EVALUATIONS = 50_000_000  # of the right-hand side: some ten minutes
+ORDERS = 6  # powers of time in the rate of a body at rest on its stop, of which the first decides
+
+
+class Interval(NamedTuple):
+    """Interval [start, end] with smooth functions of time. They may be evaluated in [first, end] only: a jump at an
+    end belongs to the neighbour. max_step: inf without a bound."""
+
+    start: float
+    end: float
+    first: float
+    max_step: float
+
+
+def smooth_intervals(request: Request) -> list[Interval]:
+    """Cut [0, t_end] for the loads and contact offsets of the system."""
+    system, t_end = request.system, request.t_end
+    covered(system.time_functions, t_end)
+    # Parts of all functions of time, each once: harmonics, records, and Python functions.
+    functions = {id(leaf): leaf for leaf in leaves(*system.time_functions)}.values()
+    records = [f for f in functions if isinstance(f, Sampled)]  # polynomials between their samples
+    cubic = any(f.kind == "cubic" for f in records)
+    longest = math.inf if request.max_step is None else request.max_step
+    # A harmonic load bounds the step too: error control sees a load at the steps only.
+    frequencies = [f.frequency for f in functions if isinstance(f, Harmonic) and f.amplitude]
+    longest = min([longest, *(PERIODS_PER_STEP * 2.0 * math.pi / w for w in frequencies)])
+    if not in_closed_form(*functions):
+        longest = min(longest, t_end / STEPS_OF_FUNCTIONS)
+    if request.second:
+        longest = SECOND_LOOK * min(longest, t_end / STEPS_OF_FUNCTIONS)
+    # The cuts: breakpoints of the caller, samples of the records, breakpoints that a function states.
+    times = [np.asarray(request.breakpoints), breakpoints_of(*functions)]
+    # Cuts that are a few roundings apart would leave an interval of rounding length between them.
+    cuts, least = [0.0], 64.0 * float(np.finfo(float).eps) * t_end
+    for t in np.unique(np.concatenate(times)).tolist():
+        if cuts[-1] + least < t < t_end - least:
+            cuts.append(t)
+    # The functions may jump at a cut: an interval ends one double before it, and the next one evaluates them after it.
+    ends = [*(math.nextafter(t, -math.inf) for t in cuts[1:]), t_end]
+    firsts = [0.0, *(math.nextafter(t, math.inf) for t in cuts[1:])]
+    return [
+        Interval(start, end, first, min(longest, PER_STEP * (end - start) if cubic else math.inf))
+        for start, end, first in zip([0.0, *ends[:-1]], ends, firsts, strict=True)
+    ]
 
 
 class Scales(NamedTuple):
@@ -83,34 +151,13 @@ def scales_of(system: System, t_end: float) -> Scales:
     return Scales(unknowns, lengths + np.array(moves), speeds, energy)
 
 
-STUCK = 1000  # phases without progress in time, after which a solver gives up
-MOST_EVALUATIONS = 50_000_000  # of the right-hand side: some ten minutes
-ORDERS = 6  # powers of time in the rate of a body at rest on its stop, of which the first decides
-
-
-class Root(NamedTuple):
-    """Root ``which`` of a phase at ``time`` with state z; sign +1 rising, -1 falling."""
-
-    which: int
-    sign: int
-    time: float
-    z: Array
-
-
-class Outcome(NamedTuple):
-    """End of a phase, with the states at its output times up to there. ended_by: the roots that ended it."""
-
-    t: float
-    z: Array
-    states: list[Array]
-    ended_by: list[Root]
-    counters: dict[str, int]
-
-
 class Phase:
-    """Interval [start, end] from z, with outputs at ``times`` in it, steps up to max_step (inf: no bound), and its root
-    functions: every gap, then every gap's rate. For damped stops see ``kernels/rhs.h``: the gap is positive where they
-    press, and the rates of the forces follow.
+    """Way of a solver from (t, z) towards ``end``, with outputs at ``times``, steps up to max_step (inf: no bound), and
+    root functions: every gap, then every gap's rate. For damped stops see ``kernels/rhs.h``: the gap is positive where
+    they press, and the rates of the forces follow.
+
+    The solver moves (t, z) on, with the ``states`` at the outputs on its way, until it is at the end, it has met a root
+    that ``ends`` the phase, or the deadline has passed. ended_by: roots. peaks: side, time and state of each.
 
     A gap ends the phase, from below where the side is free, from above where it is closed. It is watched at a level a
     few roundings past where it starts, so that the root a phase starts on is not found again; a rate at one a few
@@ -120,17 +167,17 @@ class Phase:
     """
 
     def __init__(
-        self, rhs: RightHandSide, start: float, end: float, z: Array, times: Array, max_step: float,
-        closed: list[bool], rounding: Array,
+        self, rhs: RightHandSide, t: float, end: float, z: Array, times: Array, max_step: float, closed: list[bool],
+        rounding: Array,
     ) -> None:  # fmt: skip
-        self.start, self.end, self.z, self.max_step = start, end, z, max_step
-        self.times = times[: np.searchsorted(times, end, "right")]
+        self.t, self.end, self.z, self.max_step = t, end, z, max_step
+        self.times, self.states = times[: np.searchsorted(times, end, "right")], list[Array]()
         self.rhs, self.closed, self.count, self.size = rhs, closed, len(closed), len(rounding)
         rhs.levels[:] = rounding
         rhs.levels[: self.count] = 0.0
-        gaps, margin = self.values(start, z)[: self.count], rounding[: self.count]
+        gaps, margin = self.values(t, z)[: self.count], rounding[: self.count]
         rhs.levels[: self.count] = np.where(closed, np.minimum(gaps - margin, 0.0), np.maximum(gaps + margin, 0.0))
-        self.peaks: list[Root] = []
+        self.ended_by, self.peaks = list[int](), list[tuple[int, float, Array]]()
 
     @property
     def directions(self) -> list[int]:
@@ -140,23 +187,28 @@ class Phase:
         # to its stop, or deepest after a missed entry. A rising rate of a closed side can show a missed exit.
         return [-1 if c else 1 for c in self.closed] + more * [0 if c else -1 for c in self.closed]
 
+    @property
+    def missed(self) -> bool:
+        """True where rates alone have ended it."""
+        return bool(self.ended_by) and min(self.ended_by) >= self.count
+
     def values(self, t: float, z: Array) -> Array:
         """The root functions."""
         return self.rhs.event_functions(t, z) if self.count else np.empty(0)
 
-    def ends(self, roots: Sequence[Root]) -> bool:
-        """Return True if these simultaneous roots end the phase. Peaks, which do not, are recorded."""
-        for root in roots:
-            if root.which < self.count:
-                return True
+    def ends(self, t: float, z: Array, roots: dict[int, int]) -> bool:
+        """Return True if roots at t with state z, their signs +1 rising and -1 falling, end the phase. Peaks, which do
+        not, are recorded."""
+        for root, sign in roots.items():
+            k = root % self.count
             # Gap past its level at a zero of the rate: the step holds both crossings.
-            k = root.which % self.count
-            pressed = self.values(root.time, root.z)[k] > 0.0
-            if pressed != self.closed[k]:
-                return True
-            if root.sign < 0 and pressed and root.which >= self.size - self.count:  # of the last row of rates
-                self.peaks.append(root)
-        return False
+            pressed = root >= self.count and self.values(t, z)[k] > 0.0
+            if root < self.count or pressed != self.closed[k]:
+                self.ended_by = list(roots)
+                break
+            if sign < 0 and pressed and root >= self.size - self.count:  # of the last row of rates
+                self.peaks.append((k, t, z))
+        return bool(self.ended_by)
 
 
 @dataclass
@@ -169,15 +221,19 @@ class Span:
     open: bool = True
 
 
-class Path:
-    """A motion from event to event, by a solver ``run`` of phases.
+Solver = Callable[[Phase], dict[str, int]]
 
-    states: at the outputs. spans: the contacts of every side. counters: what the solver has counted. seconds: of CPU.
-    Forces are computed while the functions of time may be evaluated.
+
+class Path:
+    """A motion from event to event, by a ``solver`` of phases, which returns what it has counted.
+
+    states: at the outputs. end, z: the time that it has reached, and the state there. spans: the contacts of every
+    side. counters: sums of what the solver has counted. seconds: of CPU. Forces are computed while the functions of
+    time may be evaluated.
     """
 
-    def __init__(self, method: str, rhs: RightHandSide, scales: Scales, run: Callable[[Phase], Outcome]) -> None:
-        self.method, self.rhs, self.run = method, rhs, run
+    def __init__(self, method: str, rhs: RightHandSide, scales: Scales, solver: Solver) -> None:
+        self.method, self.rhs, self.solver = method, rhs, solver
         # What event functions are good to: a gap is a difference of numbers as large as the motion and the stop, and
         # below some roundings of these its sign means nothing. The rates of forces, each in units of its own, have 0.
         stops = [max(abs(g) for _, g in rhs.system.contacts[i].stops.sides) for i, _ in rhs.sides]
@@ -185,16 +241,16 @@ class Path:
         extents = np.concatenate([scales.lengths[contacts] + stops, scales.speeds[contacts]])
         self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, rhs.roots - len(extents)))
         self.states, self.spans = list[Array](), [list[Span]() for _ in rhs.sides]
-        self.counters = {"restarts": -1}
+        self.counters, self.end = Counter(restarts=-1), 0.0
         rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH
 
     def follow(self, intervals: Sequence[Interval], t: Array) -> None:
-        """Integrate from 0 to the end of the last interval, with output at the times t."""
+        """Integrate from 0 to the end of the last interval, with output at the times t, or to the deadline."""
         rhs, z, now, still, begun = self.rhs, self.rhs.z0.copy(), 0.0, 0, clock()
         self.states += [z] if len(t) and t[0] <= 0.0 else []
         # In every smooth interval, phases from event to event.
         for interval in intervals:
-            now, stored = interval.start, rhs.stored(interval.start, z)
+            stored = rhs.stored(interval.start, z)
             rhs.window[:] = (interval.first, interval.end)
             if interval is intervals[0]:
                 switched = np.flatnonzero(self._closed_at_start(z, interval)).tolist()
@@ -208,24 +264,27 @@ class Path:
                 for k in switched:
                     self._switch(k, now, z)
                 self._pass_kink(now, z)
-                if now >= interval.end:
+                if now >= interval.end or late():
                     break
-                outcome, switched = self._phase(interval, now, z, t[len(self.states) :])
+                phase, switched = self._phase(interval, now, z, t[len(self.states) :])
                 # Phases without progress in time would never end.
                 self.counters["restarts"] += 1
-                still = still + 1 if outcome.t <= now else 0
+                still = still + 1 if phase.t <= now else 0
                 if still > STUCK:
                     remedy = "take the exact solution, or a damped stop"
                     raise SolverFailure(self.method, now, "events without end", remedy)
-                now, z = outcome.t, outcome.z
-                self.states += outcome.states
-        # A root at the end itself leaves the output there to a phase that does not come.
-        self.states += [z] * (len(t) - len(self.states))
+                now, z = phase.t, phase.z
+                self.states += phase.states
+            if now < interval.end:
+                break
+        else:
+            # A root at the end itself leaves the output there to a phase that does not come.
+            self.states += [z] * (len(t) - len(self.states))
         for k in np.flatnonzero(self.closed).tolist():
             self.spans[k][-1].ends.append((now, z, rhs.pressing(now, z, k)))
-        self.seconds = clock() - begun
+        self.end, self.z, self.seconds = now, z, clock() - begun
 
-    def _phase(self, interval: Interval, now: float, z: Array, times: Array) -> tuple[Outcome, list[int]]:
+    def _phase(self, interval: Interval, now: float, z: Array, times: Array) -> tuple[Phase, list[int]]:
         """Integrate from an event to the next, or to the end of the interval; also the sides that change there.
 
         Each contact keeps its side, so that its force is smooth past the event, an ordinary root. A phase that passed
@@ -240,23 +299,20 @@ class Path:
         while True:
             tries += 1
             phase = Phase(rhs, now, end, z, times, interval.max_step, closed, self.rounding)
-            outcome = self.run(phase)
-            for name, count in outcome.counters.items():
-                self.counters[name] = self.counters.get(name, 0) + count
-            refuse_endless(self.method, outcome.t, max(self.counters.values()))
+            self.counters.update(self.solver(phase))
+            refuse_endless(self.method, phase.t, max(self.counters.values()))
             # Ended by rates only, it is repeated with a step that ends there.
-            missed = outcome.ended_by and all(root.which >= phase.count for root in outcome.ended_by)
-            if not missed or outcome.t <= now or tries == STUCK:
+            if not phase.missed or phase.t <= now or tries == STUCK:
                 break
-            landing, end = outcome.ended_by[0].which % phase.count, outcome.t
+            landing, end = phase.ended_by[0] % phase.count, phase.t
         for peak in phase.peaks:
-            self._note(peak.which % phase.count, peak.time, peak.z)
+            self._note(*peak)
         # Sides that change: those with an event, and the one at which a repeated phase ended past the event.
-        switched = [r.which for r in outcome.ended_by if r.which < phase.count]
+        switched = [root for root in phase.ended_by if root < phase.count]
         if landing is not None and not switched:
-            past = (phase.values(outcome.t, outcome.z)[landing] > 0.0) != closed[landing]
+            past = (phase.values(phase.t, phase.z)[landing] > 0.0) != closed[landing]
             switched = [landing] if past else []  # on the stop at the end of the step, to rounding
-        return outcome, switched
+        return phase, switched
 
     @property
     def closed(self) -> list[bool]:
@@ -322,8 +378,7 @@ class Path:
 
 
 def refuse_endless(method: str, t: float, evaluations: int) -> None:
-    """Raise SolverFailure for a solver that has done too much work by time t, and OutOfTime past the deadline."""
-    in_time(t)
+    """Raise SolverFailure for a solver that has done too much work by time t."""
     if evaluations > MOST_EVALUATIONS:
         reason = f"{evaluations} evaluations of the right-hand side, more than {MOST_EVALUATIONS}"
         raise SolverFailure(method, t, reason, "loosen rtol, shorten t_end or take the exact solution")

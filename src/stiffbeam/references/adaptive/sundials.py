@@ -11,7 +11,7 @@ once against the library's own functions.
 from __future__ import annotations
 
 import ctypes
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -19,20 +19,20 @@ from typing import Any
 import numpy as np
 
 from ...basics.arrays import Array
+from ...basics.resources import late
 from ...basics.validation import InputError
 from ...kernels.rhs import function_address
 from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import Request
-from .adaptive import Solver, reference_from
-from .restarts import Outcome, Phase, Root, refuse_endless
+from .adaptive import reference_from
+from .restarts import Phase, Solver, refuse_endless
 
-MAX_STEPS = 10_000_000  # to one output; SUNDIALS' default of 500 ends most contact runs
 VERSION = 7  # of SUNDIALS, whose functions are called as below
 VECTOR, DENSE, BAND = 1, 1, 3  # words of 8 bytes into a content, see rhs.c; indices of SUNDIALS have 4 bytes
 ADAMS, BDF, NORMAL = 1, 2, 1
-ROOT_RETURN, TOO_MUCH_WORK = 2, -1
-STEPS_A_CALL = 20_000  # after which Python may look for an interrupt
+REACHED, ROOT_RETURN, TOO_MUCH_WORK = (0, 1), 2, -1
+STEPS_A_CALL = 1000  # after which Python looks at the clock and for an interrupt
 POINTER, INTEGER, LONG, DOUBLE = ctypes.c_void_p, ctypes.c_int, ctypes.c_long, ctypes.c_double
 # The C functions of each family with their arguments after the first, which is the time.
 FUNCTIONS = {
@@ -62,7 +62,7 @@ def solve(request: Request) -> Reference:
     method = request.method
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:
-        return Sundials(method, rhs, rtol, atol).run
+        return Sundials(method, rhs, rtol, atol)
 
     return reference_from(request, solver, descriptor=method == "ida")
 
@@ -83,72 +83,31 @@ class Library:
             raise RuntimeError(f"{name} returned {value}")
         return value
 
+    def has(self, structure: Any, word: int, data: str) -> bool:
+        """Return True if this word of the content of a vector or matrix is what a function finds there."""
+        content = ctypes.cast(structure, ctypes.POINTER(POINTER)).contents
+        return (POINTER * (word + 1)).from_address(content.value or 0)[word] == self(data, structure, result=POINTER)
+
 
 @cache
 def library_of(family: str) -> Library:
     """The library of CVode or IDA. Raises InputError where it is not as expected."""
-    rule, remedy = f"be SUNDIALS {VERSION} as the wheels of scikit-sundae for Linux have it", "use dop853 or radau"
     try:
         library = Library(import_module(f"sksundae._cy_{family.lower()}"))
         major, rest = INTEGER(), [INTEGER(), INTEGER()]
         label = ctypes.create_string_buffer(32)
         library("SUNDIALSGetVersionNumber", ctypes.byref(major), *map(ctypes.byref, rest), label, INTEGER(32))
-        # Where the numbers of vectors and matrices lie, before C reads them.
-        with closing(Memory(library)) as memory:
-            vector = memory.vector(np.zeros(4))
-            dense, band = memory.matrix(None, 4), memory.matrix((1, 1), 4)
-            places = [(vector, VECTOR, library("N_VGetArrayPointer", vector, result=POINTER))]
-            places.append((dense, DENSE, library("SUNDenseMatrix_Data", dense, result=POINTER)))
-            places.append((band, BAND, library("SUNBandMatrix_Data", band, result=POINTER)))
-            fits = all(_word(_word(structure.value, 0), word) == data for structure, word, data in places)
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
-        raise InputError("the library of cvode and ida", str(error), rule, remedy) from error
-    if major.value != VERSION or not fits:
-        raise InputError("the library of cvode and ida", f"version {major.value}", rule, remedy)
+        raise another(str(error)) from error
+    if major.value != VERSION:
+        raise another(f"version {major.value}")
     return library
 
 
-def _word(address: int | None, k: int) -> int:
-    """The k-th 8-byte word at an address."""
-    assert address
-    return ctypes.c_int64.from_address(address + 8 * k).value
-
-
-class Memory:
-    """Objects that SUNDIALS allocates for one solver, freed together."""
-
-    def __init__(self, library: Library) -> None:
-        self.library, self._objects = library, ExitStack()
-        self.context = POINTER()
-        library("SUNContext_Create", INTEGER(0), ctypes.byref(self.context))
-        self._objects.callback(library, "SUNContext_Free", ctypes.byref(self.context))
-        # Failures come back as statuses; the handlers would also write them to the terminal.
-        library("SUNContext_ClearErrHandlers", self.context)
-
-    def made(self, name: str, *arguments: Any, free: str) -> Any:
-        """Return what a function of SUNDIALS makes in this context, which ``free`` frees; a solver by its reference."""
-        address = POINTER(self.library(name, *arguments, self.context, result=POINTER))
-        freed = ctypes.byref(address) if name.endswith("Create") else address
-        self._objects.callback(self.library, free, freed, result=None)
-        return address
-
-    def vector(self, numbers: Array) -> Any:
-        """Return a vector whose numbers are those of ``numbers``, which has to outlive it."""
-        return self.made("N_VMake_Serial", INTEGER(len(numbers)), POINTER(numbers.ctypes.data), free="N_VDestroy")
-
-    def matrix(self, bandwidths: tuple[int, int] | None, size: int) -> Any:
-        """Return a banded matrix, or a dense one."""
-        if bandwidths is None:
-            return self.made("SUNDenseMatrix", INTEGER(size), INTEGER(size), free="SUNMatDestroy")
-        lower, upper = bandwidths
-        return self.made("SUNBandMatrix", INTEGER(size), INTEGER(upper), INTEGER(lower), free="SUNMatDestroy")
-
-    def close(self) -> None:
-        """Free everything, the last first."""
-        self._objects.close()
-
-    def __del__(self) -> None:
-        self.close()
+def another(value: str) -> InputError:
+    """The error of a library that is not as expected."""
+    rule = f"be SUNDIALS {VERSION} as the wheels of scikit-sundae for Linux have it"
+    return InputError("the library of cvode and ida", value, rule, "use dop853 or radau")
 
 
 class Sundials:
@@ -156,26 +115,51 @@ class Sundials:
 
     def __init__(self, method: str, rhs: RightHandSide, rtol: float, atol: Array) -> None:
         self.method, self.rhs, self.family = method, rhs, "IDA" if method == "ida" else "CVode"
+        self._objects, self._context = ExitStack(), POINTER()  # what SUNDIALS allocates is freed together
         self._call = call = library_of(self.family)
-        self._memory = memory = Memory(call)
         self._error: BaseException | None = None
-        size = rhs.size
+        call("SUNContext_Create", INTEGER(0), ctypes.byref(self._context))
+        self._objects.callback(call, "SUNContext_Free", ctypes.byref(self._context))
+        # Failures come back as statuses; the handlers would also write them to the terminal.
+        call("SUNContext_ClearErrHandlers", self._context)
         # SUNDIALS computes in these NumPy arrays: its vectors only point to them.
-        self._y, self._rate, self._atol = np.zeros(size), np.zeros(size), np.array(atol, float)
-        self._vectors = [memory.vector(x) for x in ((self._y,) if self.family == "CVode" else (self._y, self._rate))]
-        matrix, kind = memory.matrix(rhs.bandwidths, size), "Dense" if rhs.bandwidths is None else "Band"
-        linear = memory.made(f"SUNLinSol_{kind}", self._vectors[0], matrix, free="SUNLinSolFree")
+        self._y, self._rate, self._atol = np.zeros(rhs.size), np.zeros(rhs.size), np.array(atol, float)
+        y, rate, tolerances = (
+            self._made("N_VMake_Serial", INTEGER(rhs.size), POINTER(x.ctypes.data), free="N_VDestroy")
+            for x in (self._y, self._rate, self._atol)
+        )
+        self._vectors = [y] if self.family == "CVode" else [y, rate]
+        (kind, word), sizes = ("Dense", DENSE), [rhs.size, rhs.size]
+        if rhs.bandwidths is not None:
+            lower, upper = rhs.bandwidths
+            (kind, word), sizes = ("Band", BAND), [rhs.size, upper, lower]
+        matrix = self._made(f"SUN{kind}Matrix", *map(INTEGER, sizes), free="SUNMatDestroy")
+        # Where the numbers of vectors and matrices lie, before C reads them.
+        if not (call.has(y, VECTOR, "N_VGetArrayPointer") and call.has(matrix, word, f"SUN{kind}Matrix_Data")):
+            raise another("another layout of vectors and matrices")
+        linear = self._made(f"SUNLinSol_{kind}", y, matrix, free="SUNLinSolFree")
+        # Kept, since those in Python live as long as their objects.
         self._functions = [self._function(*named) for named in FUNCTIONS[self.family].items()]
         first, jacobian, self._events = self._functions
         # Settings that all phases share.
         arguments = (INTEGER(ADAMS if method == "cvode-adams" else BDF),) if self.family == "CVode" else ()
-        self._solver = memory.made(f"{self.family}Create", *arguments, free=f"{self.family}Free")
+        self._solver = self._made(f"{self.family}Create", *arguments, free=f"{self.family}Free")
         self._set("Init", first, DOUBLE(0.0), *self._vectors)
         self._set("SetUserData", POINTER(rhs.equations.c))
-        self._set("SVtolerances", DOUBLE(rtol), memory.vector(self._atol))
+        self._set("SVtolerances", DOUBLE(rtol), tolerances)
         self._set("SetLinearSolver", linear, matrix)
         self._set("SetJacFn", jacobian)
-        self._set("SetMaxNumSteps", LONG(min(STEPS_A_CALL, MAX_STEPS)))
+        self._set("SetMaxNumSteps", LONG(STEPS_A_CALL))
+
+    def __del__(self) -> None:
+        self._objects.close()
+
+    def _made(self, name: str, *arguments: Any, free: str) -> Any:
+        """Return what a function of SUNDIALS makes in this context, which ``free`` frees; a solver by its reference."""
+        address = POINTER(self._call(name, *arguments, self._context, result=POINTER))
+        freed = ctypes.byref(address) if name.endswith("Create") else address
+        self._objects.callback(self._call, free, freed, result=None)
+        return address
 
     def _set(self, name: str, *arguments: Any) -> None:
         self._call(f"{self.family}{name}", self._solver, *arguments)
@@ -197,46 +181,35 @@ class Sundials:
 
         return kind(asked)
 
-    def run(self, phase: Phase) -> Outcome:
+    def __call__(self, phase: Phase) -> dict[str, int]:
         """Integrate a phase from output to output, until a root ends it."""
         self._start(phase)
-        states, ended_by = [], []
-        t, z = phase.start, phase.z
-        least = 8.0 * np.finfo(float).eps * phase.end  # SUNDIALS refuses a first output closer than that
-        # Targets are the outputs, and the end of the phase where it is no output.
-        for target in [*phase.times, *([phase.end] if not len(phase.times) or phase.times[-1] < phase.end else [])]:
-            if target - phase.start <= least:
-                states.append(z)
-                t = float(target)
-                continue
-            rooted = True
+        # SUNDIALS refuses a first output that is too close: there the state is that of the start.
+        soon = phase.t + 8.0 * np.finfo(float).eps * phase.end
+        for target in np.union1d(phase.times, phase.end).tolist():
+            if target <= soon:
+                phase.t = target
             # Only some roots end a phase; after the others the solver goes on to the same target.
-            while rooted and not ended_by:
-                t, z, rooted = self._step(float(target))
-                refuse_endless(self.method, t, self._evaluations)
-                flags = np.zeros(phase.size, np.int32)
-                if rooted:
-                    self._set("GetRootInfo", POINTER(flags.ctypes.data))
-                roots = [Root(int(k), int(flags[k]), t, z) for k in np.flatnonzero(flags)]
-                ended_by = roots if phase.ends(roots) else []
-            if ended_by:
+            while phase.t < target and not phase.ended_by and not late():
+                phase.ends(*self._step(phase, target))
+                refuse_endless(self.method, phase.t, self._evaluations)
+            if phase.t < target or phase.ended_by:
                 break
-            states.append(z)
-        counters = {
+            phase.states.append(phase.z)
+        # The end of the phase is an output only if it was asked for.
+        del phase.states[len(phase.times) :]
+        return {
             "rhs": self._evaluations, "jacobians": self._count("GetNumJacEvals"), "steps": self._count("GetNumSteps"),
             "error_test_failures": self._count("GetNumErrTestFails"),
             "convergence_failures": self._count("GetNumNonlinSolvConvFails"),
         }  # fmt: skip
-        t = t if ended_by else phase.end
-        # The end of the phase is an output only if it was asked for.
-        return Outcome(t, z, states[: len(phase.times)], ended_by, counters)
 
     def _start(self, phase: Phase) -> None:
         """Start the solver at the beginning of a phase with its event functions and step bound."""
         self._y[:] = phase.z
         if self.family == "IDA":  # it also needs rates that satisfy the equations
-            self._rate[:] = self.rhs.rate(phase.start, phase.z)
-        self._set("ReInit", DOUBLE(phase.start), *self._vectors)
+            self._rate[:] = self.rhs.rate(phase.t, phase.z)
+        self._set("ReInit", DOUBLE(phase.t), *self._vectors)
         longest = phase.max_step if np.isfinite(phase.max_step) else 0.0  # 0 for no bound
         self._set("SetMaxStep", DOUBLE(longest))
         # Without the stop time a step could go beyond the smooth interval and interpolate back.
@@ -248,24 +221,25 @@ class Sundials:
             directions = np.array(phase.directions, np.int32)
             self._set("SetRootDirection", POINTER(directions.ctypes.data))
 
-    def _step(self, target: float) -> tuple[float, Array, bool]:
-        """Integrate to ``target`` or to a root; time, state, and True at a root."""
-        reached, status = DOUBLE(), TOO_MUCH_WORK
-        time = ctypes.byref(reached)
-        name, arguments = "CVode", [DOUBLE(target), *self._vectors, time]
+    def _step(self, phase: Phase, target: float) -> tuple[float, Array, dict[int, int]]:
+        """Move a phase on to ``target``, to roots, or by STEPS_A_CALL; time, state, and roots with their signs."""
+        reached = DOUBLE()
+        time, vectors, name = ctypes.byref(reached), self._vectors, "CVode"
+        arguments = [DOUBLE(target), *vectors, time]
         if self.family == "IDA":
-            name, arguments = "IDASolve", [DOUBLE(target), time, *self._vectors]
-        for _ in range(-(-MAX_STEPS // STEPS_A_CALL)):  # an interrupt is raised here, between two calls
-            status = self._call(name, self._solver, *arguments, INTEGER(NORMAL), fails=False)
-            if status != TOO_MUCH_WORK:
-                break
+            name, arguments = "IDASolve", [DOUBLE(target), time, *vectors]
+        status = self._call(name, self._solver, *arguments, INTEGER(NORMAL), fails=False)
         if self._error is not None:
             error, self._error = self._error, None
             raise error
-        if status < 0:
+        if status < 0 and status != TOO_MUCH_WORK:
             message = self._call.messages.get(status, f"SUNDIALS returned {status}")
             raise SolverFailure(self.method, reached.value, message, "loosen rtol and atol or take the exact solution")
-        return reached.value, self._y.copy(), status == ROOT_RETURN
+        phase.t, phase.z = target if status in REACHED else reached.value, self._y.copy()
+        flags = np.zeros(phase.size, np.int32)
+        if status == ROOT_RETURN:
+            self._set("GetRootInfo", POINTER(flags.ctypes.data))
+        return phase.t, phase.z, {k: int(flags[k]) for k in np.flatnonzero(flags).tolist()}
 
     @property
     def _evaluations(self) -> int:
