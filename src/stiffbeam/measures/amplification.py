@@ -19,6 +19,7 @@ from ..schemes.scheme import require_scheme
 from ..trajectory.trajectory import Trajectory
 
 SOURCES = ("kernel", "closed form")
+EPS = float(np.finfo(float).eps)
 SHORTEST, LONGEST = 1e-12, 1e12  # dt/T: beyond it the square of omega dt is rounding, or all there is
 STABLE = 1e-9  # a radius above 1 by less is rounding
 
@@ -38,7 +39,7 @@ class Amplification:
         max |root|: a scheme is unstable where it exceeds 1.
     period_elongation : array
         w_d/W - 1 with w_d = w sqrt(1 - xi^2): positive means a longer period, so the scheme lags. NaN where the
-        principal roots are real.
+        principal roots are real, 0 below their rounding.
     damping_ratio : array
         -ln |lambda|/sqrt(ln^2 |lambda| + (W dt)^2): xi itself for the exact flow. NaN where the principal roots are
         real.
@@ -123,6 +124,9 @@ def amplification(
         decay = -np.log(np.abs(principal))
         elongation = 2.0 * np.pi * x * np.sqrt(1.0 - xi**2) / phase - 1.0
         ratio = decay / np.hypot(decay, phase)
+        # Roots near one are known to EPS/phase: what is less than they round is none.
+        elongation = np.where(np.abs(elongation) <= EPS / phase**2, 0.0, elongation)
+        ratio = np.where(np.abs(ratio) <= 4.0 * EPS / phase, 0.0, ratio)
     return Amplification(scheme, x, np.max(np.abs(roots), axis=1), elongation, ratio)
 
 

@@ -82,6 +82,10 @@ def verdict(comparisons: Sequence[Comparison]) -> str:
     if not known:
         errors = extremes({c.label: c.tip_error_rms for c in comparisons}, percent)
         return f"tip error {errors} rms to t = {comparisons[0].window:.3g}"
+    if len(comparisons) == 1:
+        (one,) = comparisons
+        error = percent(one.tip_error_to(one.matched_until))
+        return f"impacts match to t = {one.matched_until:.3g}, tip error {error} rms"
     return f"impacts match to t = {extremes(known, '{:.3g}'.format)}"
 
 
