@@ -1,1 +1,1 @@
-"""The kernels in C, and the functions of NumPy arrays that call them."""
+"""Loops in C: the march, the law of contact, exact motion and the right-hand side; and the NumPy functions that call them."""

@@ -256,7 +256,7 @@ static void reaction_rounding(const Free *f, const Series *s, Int i, int K, doub
     }
 }
 
-/* Coefficients (K+1,) of sign (u - g) of contact i, and of its rounding. */
+/* Coefficients (K+1,) of sign (u - g) of contact i, with the noise of its rounding added. */
 static void gap_of(const Series *s, Int m, Int i, int K, double sign, double g, const double *noise, double *p)
 {
     for (int k = 0; k <= K; k++) p[k] = sign * s->u[k * m + i] + noise[k];

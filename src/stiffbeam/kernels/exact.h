@@ -2,7 +2,8 @@
  *
  * Sizes: n modes, m contacts, F frequencies (the first is 0: constants), R records, E edges of the records' pieces,
  * N exponentials of the modes, B = 2 F + R rows of loads, T = N + F terms of a motion in closed form.
- * Sides of a contact: 0 open, +-1 pressed or held at the upper/lower stop, +-2 beyond a damped stop that has let go.
+ * Sides of a contact: 0 open, +-1 pressed or held at the upper/lower stop, +-2 beyond a damped stop that has let go;
+ * an event that throws a contact back has 9 times the stop.
  */
 #ifndef STIFFBEAM_EXACT_H
 #define STIFFBEAM_EXACT_H

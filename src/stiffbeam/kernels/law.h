@@ -1,8 +1,8 @@
 /* The contact law:  F = -(f(d) (1 + lambda d') + c d')_+,  f = kappa d^p,  d = u - g2 > 0, mirrored below.
  *
- * A new term is a field of Law and a change under "the terms". Then one contact at a node: u = r + s F, u' = w + s' F
- * with F after the law, or with the mean of the elastic force over the step (the discrete gradient). model/contact.py is
- * the same for NumPy and JAX; a test compares the two.
+ * A new term is a field of Law, a change under "the terms" and one of their slopes, here and in rhs.c. Then one contact
+ * at a node: u = r + s F, u' = w + s' F with F after the law, or with the mean of the elastic force over the step (the
+ * discrete gradient). model/contact.py is the same for NumPy and JAX; a test compares the two.
  */
 #ifndef STIFFBEAM_LAW_H
 #define STIFFBEAM_LAW_H
@@ -97,8 +97,9 @@ static inline double side_of_node(double u, double v, double node_force, const L
 /* Of a spring: |F| over the depth that there is without it. */
 static inline double spring_stiffness(double s, const Law *l) { return l->kappa / (1.0 + l->kappa * s); }
 
-/* (P, slopes) with P = |F|(d0 - s P, d0' - s' P). |F| grows with d and d', so there is one P; where c > 0 it may be all
- * that lies in the jump at d = 0. Affine: one division. Else Newton's method in a bracket. */
+/* (P, slopes) with P = |F|(d0 - s P, d0' - s' P): the force P moves the node back by s P. |F| grows with d and d', so
+ * there is one P. Affine: one division. Else Newton's method in a bracket. Where c > 0, |F| jumps at d = 0, and the P
+ * that holds the node there, d0/s, may lie within the jump. */
 static inline Response solve_pressure(double d0, double rate0, double s, double s_rate, const Law *l)
 {
     double P = pressure(d0, rate0, l), slope = elastic_slope(d0, l) * (1.0 + l->lam * rate0),

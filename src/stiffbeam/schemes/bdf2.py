@@ -12,7 +12,7 @@ class BDF2(Scheme):
     """y^{n+1} = 4/3 y^n - 1/3 y^{n-1} + (2 dt/3) f(t^{n+1}, y^{n+1}).
 
     Order 2, L-stable. The first step is the theta-method's with theta = 1/2. State: (y^n, y^{n-1}). The extrapolated
-    contact takes v* = 4/3 v^n - 1/3 v^{n-1} + (2 dt/3)(2 v_t^n - v_t^{n-1}), from the values that the paper names.
+    contact takes q* = 4/3 q^n - 1/3 q^{n-1} + (2 dt/3)(2 v^n - v^{n-1}), v = q', from the values that the paper names.
 
     References
     ----------
@@ -50,7 +50,7 @@ class BDF2(Scheme):
         return np.array([1.5 - oscillator(x, xi), -2.0, 0.5])
 
     def predict(self, equation: Equation, dt: float, z: Array) -> list[Array]:
-        """v* of the class, at t_{n+1}."""
+        """q*, at t_{n+1}."""
         y, y_before = z[:2], z[2:]
         rate = 2.0 * y[1] - y_before[1]
         return [(4.0 * y[0] - y_before[0] + 2.0 * dt * rate) / 3.0]

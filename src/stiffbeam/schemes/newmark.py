@@ -65,7 +65,7 @@ class HHT(WeightedNewmark):
         v^{n+1} = v^n + dt [(1 - gamma) a^n + gamma a^{n+1}],               gamma = 1/2 - alpha.      (4.13)
 
     The weighted Newmark step with alpha_m = 0 and alpha_f = -alpha. Order 2, A-stable. The contact enters as
-    (1 + alpha) sigma(v^{n+1}) - alpha sigma(v^n). The order drops to 1 where the acceleration is computed again from
+    (1 + alpha) sigma(q^{n+1}) - alpha sigma(q^n). The order drops to 1 where the acceleration is computed again from
     M a = N in each step, and where a force is left out of the weighting as the paper prints (``UnweightedHHT``).
 
     Parameters

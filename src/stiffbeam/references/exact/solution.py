@@ -1,8 +1,8 @@
 """The exact solution: between events the system is linear and has a closed form, so only event times are searched.
 
-With linear compliance every contact is free or on one of its stops, and each combination is a linear
-system with a solution in closed form. The search for the next event uses steps that provably contain none
-(kernels/exact.c).
+With linear compliance every contact is free or on one of its stops, which a damped one leaves before the gap opens,
+and each combination is a linear system with a solution in closed form. The search for the next event uses steps that
+provably contain none (kernels/exact.c).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 derivatives are one linear system in every regime.
 
     y = (q, q', 1, functions of time),   y' = A y,   dy' = A dy + dA y          within a segment, by Taylor steps
-    dt = -dh/h',   dz+ = J (dz- + z'- dt) - z'+ dt                              at an event h = 0
+    dt = -dh/h',   dz+ = J (dz- + z'- dt) - z'+ dt                              at an event h = 0 (saltation)
 
     M q'' = f - C q' - K q + rows^T F,   F = -(kappa (u - g) + c u') of a pressed compliant contact
 
@@ -10,7 +10,7 @@ F of a contact held by a rigid stop keeps u'' = 0. Derivatives of all that is ma
 steps: the imaginary part, over h, of the same formula with numbers off by i h times their own derivatives.
 
 J is the derivative of what happens at an event. On a compliant stop nothing does, and z' is continuous: dz+ = dz-. At
-the entry into a damped one the force jumps by c u', see exact.c. On a rigid one with restitution the impulses P solve
+the entry into a damped one the force jumps by c u'. On a rigid one with restitution the impulses P solve
 
     M (q'+ - q'-) = H^T P,   H q'+ + o' = -e (H q'- + o')
 
@@ -337,7 +337,7 @@ class Tangent:
         return forms[0] @ y[0], slopes, float(np.abs(numbers.position[contact]) @ np.abs(y[0]) + abs(stop))
 
     def across(self, i: int, dz: Array) -> Array:
-        """dz (D, 2n) after the event at which segment i begins, from that before it."""
+        """dz+ (D, 2n) after the event at which segment i begins, from dz- before it."""
         t, before, after = float(self.times[i]), self.sides[i - 1], self.sides[i]
         data, n = self.variation.data, self.variation.n
         if self.rigid:
@@ -360,7 +360,7 @@ class Tangent:
         return h, slopes
 
     def _struck(self, i: int, dz: Array) -> Array:
-        """dz (D, 2n) behind the impact on a rigid stop at which segment i begins, from that before it."""
+        """dz+ (D, 2n) behind the impact on a rigid stop at which segment i begins, from dz- before it."""
         variation, n, t = self.variation, self.variation.n, float(self.times[i])
         before, after, hits = self.sides[i - 1], self.sides[i], list(self.hits[i])
         y = self.whole(i - 1, t, self.z_end[i - 1], dz)

@@ -12,7 +12,7 @@ The flow is split into blocks: those that float64 knows, refined to the digits c
     z = V y,   y' = T y,   T = L G V block by block,   L = V^-1
     V <- V (I + E),   E_ij T_jj - T_ii E_ij = T_ij
 
-The second line is Newton's method, which squares its error at each turn. Eigenvalues that meet, and a drive in
+The last line is Newton's method, which squares its error at each turn. Eigenvalues that meet, and a drive in
 resonance with them, share a block of any size. A block that is larger than need be costs time and nothing else: what
 float64 cannot separate is joined.
 """
