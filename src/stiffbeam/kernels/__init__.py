@@ -1,1 +1,1 @@
-"""Loops in C: the march, the law of contact, exact motion and the right-hand side; and the NumPy functions that call them."""
+"""Loops in C: march, law of contact, exact motion, right-hand side; and the NumPy functions that call them."""
