@@ -51,7 +51,7 @@ def curves(
 
     True motions, which have as many points as asked for, are broad and lie below the runs, which have their steps.
     """
-    for name, motion in table.motions.items():
+    for name, motion in {**table.references, **table.runs}.items():
         if isinstance(motion, sb.Reference):
             look: dict[str, Any] = {"label": f"true, {name}", "alpha": 0.5, "lw": 1.6, "zorder": 1}
             t = np.linspace(start, end, points)

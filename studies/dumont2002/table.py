@@ -56,11 +56,6 @@ class Table:
     failures: dict[str, str]
 
     @property
-    def motions(self) -> dict[str, sb.Trajectory]:
-        """The true motions by form, then the runs by equation number."""
-        return {**self.references, **self.runs}
-
-    @property
     def stops(self) -> sb.Stops:
         """The stops of the tip."""
         return self.case.beam.all_stops[0]
