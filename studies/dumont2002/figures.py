@@ -196,7 +196,7 @@ def shares(numbers: Mapping[int, Mapping[str, Any]]) -> Figure:
             (mean, sd), colour, (label, marker) = mean_and_deviation(values), style(name)["color"], NAMES[name]
             edge: dict[str, Any] = {"mec": "white", "mew": 0.5, "zorder": 3 if name in TRUE else 2}
             if name == "velocity-curvature":
-                edge |= {"mec": colour, "mew": 1.0, "mfc": "white"}
+                edge |= {"mec": colour, "mew": 1.0, "mfc": "white", "zorder": 2}
             axis.errorbar(mean, y, xerr=sd, fmt=marker, ms=6.5, color=colour, label=label, elinewidth=1.0, **edge)
     axis.set_yticks(range(len(numbers)), [f"Table {table}" for table in numbers])
     axis.invert_yaxis()

@@ -110,5 +110,5 @@ def encoded(figure: Figure) -> str:
     """A picture as PNG in base64; a palette makes a quarter of the size, and twenty of them go into one page."""
     content, small = BytesIO(), BytesIO()
     figure.savefig(content, format="png", dpi=150)
-    Image.open(content).convert("RGB").quantize(48).save(small, format="png", optimize=True)
+    Image.open(content).convert("RGB").quantize(48, Image.Quantize.MAXCOVERAGE).save(small, format="png", optimize=True)
     return base64.b64encode(small.getvalue()).decode()
