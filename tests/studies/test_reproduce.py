@@ -400,7 +400,7 @@ def test_bad_input_is_refused_with_a_remedy(arguments, words, monkeypatch, capsy
 @pytest.mark.campaign
 def test_the_whole_reproduction(tmp_path):
     """Every table, claim and misprint on one page; small ensembles, for time."""
-    file, tables = reproduce(None, Reading(), tmp_path, 2, (6, 2))
+    file, tables = reproduce(None, Reading(), tmp_path, 2, (6, 3))
     assert list(tables) == list(range(1, 18))
     text = file.read_text(encoding="utf-8")
     assert len(check(text)) == 17 + 3  # Table 10 at its stop, shares of contact, Section 5.1
