@@ -20,8 +20,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import stiffbeam as sb
 from stiffbeam.basics.storage import write_whole
-from stiffbeam.basics.validation import InputError, integer
+from stiffbeam.basics.validation import integer
 
 from .page import measures
 from .reproduce import reproduce
@@ -33,21 +34,35 @@ SHOWN = ("motion", "impacts", "paper's", "contact, %", "horizon")  # of the colu
 
 def main(words: Sequence[str] | None = None) -> int:
     """Write the page and the pictures; return 0, 1 if a run failed, 2 for bad input."""
-    given = _parser().parse_args(words)
+    parser = argparse.ArgumentParser(
+        "python -m dumont2002", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", nargs="?", default="all", help="all, table or figure")
+    parser.add_argument("number", nargs="?", type=int, help="of the table or figure, 1 to 17")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder for the page, pictures and finished tables")
+    parser.add_argument("--contact", default="implicit", help="implicit, or extrapolated as the paper describes it")
+    parser.add_argument("--printed", action="store_true", help="HHT and SDIRK with the paper's misprints")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
+    parser.add_argument("--json", type=Path, help="file for all numbers")
+    given = parser.parse_args(words)
     try:
         integer("--jobs", given.jobs, 1)
-        reading = Reading.of(given.contact, given.printed, given.references)
-        tables = _tables(given.what, given.number)
+        if given.what not in ("all", "table", "figure") or (given.what == "all") != (given.number is None):
+            asked = given.what if given.number is None else f"{given.what} {given.number}"
+            example = "for example: python -m dumont2002 table 10"
+            raise sb.InputError("selection", asked, "be all, table N or figure N", example)
+        tables = None if given.number is None else [given.number]
         typed = shlex.join(["python", "-m", "dumont2002", *(sys.argv[1:] if words is None else words)])
-        page, made = reproduce(tables, reading, given.out, given.jobs, command=typed)
-    except InputError as error:
+        reading = Reading(given.contact, given.printed)
+        page, parts = reproduce(tables, reading, given.out, given.jobs, command=typed)
+    except sb.InputError as error:
         print(error, file=sys.stderr)
         return 2
     written = [page]
-    if given.what == "figure":
-        drawn = base64.b64decode(made[given.number]["pictures"]["figure"])
-        written.append(write_whole(given.out / f"figure{given.number}.png", drawn))
-    numbers = {number: part["numbers"] for number, part in made.items()}
+    for number, part in parts.items() if given.what == "figure" else ():
+        drawn = base64.b64decode(part["pictures"]["figure"])
+        written.append(write_whole(given.out / f"figure{number}.png", drawn))
+    numbers = {number: part["numbers"] for number, part in parts.items()}
     if given.json is not None:
         records = {f"table{number}": found for number, found in numbers.items()}
         written.append(write_whole(given.json, json.dumps({"tables": records}, indent=1) + "\n"))
@@ -59,33 +74,6 @@ def main(words: Sequence[str] | None = None) -> int:
     print("One run each; impacts of the exact motion are counted by events.")
     print("Written: " + ", ".join(str(file) for file in written))
     return int(any(found["failures"] for found in numbers.values()))
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "python -m dumont2002", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("what", nargs="?", default="all", help="all, table or figure")
-    parser.add_argument("number", nargs="?", type=int, help="of the table or figure, 1 to 17")
-    parser.add_argument("--out", type=Path, default=OUT, help="folder for the page, pictures and finished tables")
-    parser.add_argument("--contact", default="implicit", help="implicit, or extrapolated as the paper describes it")
-    parser.add_argument("--printed", action="store_true", help="HHT and SDIRK with the paper's misprints")
-    parser.add_argument("--references", type=Path, help="folder of frozen references (default: reference/)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
-    parser.add_argument("--json", type=Path, help="file for all numbers")
-    return parser
-
-
-def _tables(what: str, number: int | None) -> list[int] | None:
-    """Return the tables of a selection, None for all."""
-    if what == "all" and number is None:
-        return None
-    if what not in ("table", "figure") or number is None:
-        words = what if number is None else f"{what} {number}"
-        raise InputError(
-            "selection", words, "be all, table N or figure N", "for example: python -m dumont2002 table 10"
-        )
-    return [number]
 
 
 if __name__ == "__main__":

@@ -3,74 +3,56 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
-from stiffbeam.files.cases import Case, paper_cases
-from stiffbeam.march.integrate import integrate
-from stiffbeam.measures.errors import tip_error
-from stiffbeam.model.semidiscretisation import semidiscretise
-from stiffbeam.references import reference
-from stiffbeam.schemes import Scheme
-from stiffbeam.studies.base import first_impacts
-from stiffbeam.trajectory.trajectory import Diverged
+import stiffbeam as sb
+from stiffbeam.files.cases import Case
+from stiffbeam.studies.converge import cheapest
 
-from .table import Reading, equation_of
+from .table import Reading, equations, published
 
 REPEATS = 15
 # The scheme of a table that the others are counted in: HHT, else the Nystroem form.
 REFERENCE_SCHEME = ("(4.13)", "(4.14)")
 CPU_TABLES = ((1, 2, 3, 4, 5), (6, 7, 8, 9), (10, 11, 12, 13))
+ERRORS = (1e-2, 1e-3, 1e-4)  # rms over the largest displacement
 
 
-def costs(tables: Sequence[int], reading: Reading) -> list[dict[str, Any]]:
+def costs(reading: Reading) -> list[dict[str, Any]]:
     """One row per table and run: the paper's seconds, ours a step, both over the table's reference scheme.
 
     Timed one after the other in this process, the least of REPEATS; seconds depend on the machine, ratios within a
     table less so.
     """
     rows = []
-    for table in tables:
-        case = paper_cases()[f"table{table}"]
-        published = case.published.get("cpu_seconds", {})
-        if not published:
-            continue
-        own = _nanoseconds(case, case.runs, reading)
-        timed = {
-            equation_of(scheme, form): (published[f"{scheme}@{form}"], nanoseconds)
-            for (scheme, form), nanoseconds in zip(case.runs, own, strict=True)
-        }
-        unit = next(equation for equation in REFERENCE_SCHEME if equation in timed)
-        paper_unit, own_unit = timed[unit]
-        for equation, (paper, nanoseconds) in timed.items():
+    for table in (number for group in CPU_TABLES for number in group):
+        paper, ours = published(sb.paper_case(table), "cpu_seconds"), _nanoseconds(sb.paper_case(table), reading)
+        unit = next(equation for equation in REFERENCE_SCHEME if equation in paper)
+        for equation, seconds in paper.items():
+            timed = equation in ours and unit in ours
             rows.append(
                 {
-                    "table": table, "equation": equation, "paper_seconds": paper, "ns_per_step": nanoseconds,
-                    "paper_ratio": paper / paper_unit,
-                    "ratio": None if nanoseconds is None or own_unit is None else nanoseconds / own_unit,
+                    "table": table, "equation": equation, "paper_seconds": seconds, "ns_per_step": ours.get(equation),
+                    "paper_ratio": seconds / paper[unit], "ratio": ours[equation] / ours[unit] if timed else None,
                     "unit": unit,
                 }
             )  # fmt: skip
     return rows
 
 
-def _nanoseconds(case: Case, runs: Sequence[tuple[Scheme, str]], reading: Reading) -> list[float | None]:
-    """Nanoseconds of marching a step, the least of REPEATS rounds; None where a run overflows.
+def _nanoseconds(case: Case, reading: Reading) -> dict[str, float]:
+    """Nanoseconds of marching a step by equation, the least of REPEATS rounds; a run that overflows has none.
 
     The runs take turns, so that other work on the machine slows all of them alike; it only ever adds time.
     """
-    systems = {form: semidiscretise(case.beam, case.cells, form) for _, form in runs}
-    least: list[float | None] = [float("inf")] * len(runs)
+    least = dict[str, float]()
     for _ in range(REPEATS):
-        for i, (scheme, form) in enumerate(runs):
-            best = least[i]
-            if best is None:
-                continue
-            try:
-                run = integrate(systems[form], reading.scheme(scheme), case.dt, case.t_end, reading.contact, every=1000)
-            except Diverged:
-                least[i] = None
-                continue
-            least[i] = min(best, run.work.ns_per_step)
+        for equation, (scheme, form) in equations(case).items():
+            with suppress(sb.Diverged):
+                chosen = reading.scheme(scheme)
+                run = sb.integrate(case.system(form), chosen, case.dt, case.t_end, reading.contact, every=1000)
+                least[equation] = min(run.work.ns_per_step, least.get(equation, float("inf")))
     return least
 
 
@@ -80,30 +62,11 @@ def ratios(rows: Sequence[dict[str, Any]], tables: tuple[int, ...], equation: st
     return [r["paper_ratio"] for r in found], [r["ratio"] for r in found]
 
 
-ERRORS = (1e-2, 1e-3, 1e-4)  # rms over the largest displacement
-RUNGS = 8  # to a factor of two in the step: a ratio of works is known to a rung, 9 %
-LADDER = (-2, 8)  # from four times the table's step to a 256th of it
-
-
-def steps_needed(table: int, scheme: Scheme, impacts: int = 4) -> dict[float, int | None]:
-    """For each of ERRORS the fewest steps from which on the tip error stays below it; None where the finest is above.
-
-    Over the first ``impacts`` impacts, inside the horizon, with RUNGS steps to a factor of two over LADDER halvings of
-    the table's step.
-    """
-    case = paper_cases()[f"table{table}"]
-    system = semidiscretise(case.beam, case.cells)
-    end = first_impacts(case, "displacement", impacts)
-    exact = reference(system, end)
-    found: dict[float, int | None] = dict.fromkeys(ERRORS)
-    open_ = set(ERRORS)
-    for k in reversed(range(RUNGS * LADDER[0], RUNGS * LADDER[1] + 1)):
-        steps = round(end / case.dt * 2.0 ** (k / RUNGS))
-        run = integrate(system, scheme, end / steps, end, every=max(1, steps // 1000))
-        u = exact.at(run.t)[0]
-        error = tip_error(run.tip, u).rms
-        open_ &= {wanted for wanted in ERRORS if error <= wanted}
-        found |= dict.fromkeys(open_, steps)
-        if not open_:
-            break
-    return found
+def step_ratios(table: int) -> list[float]:
+    """Steps of SDIRK over those of HHT from which on the tip error through the first impacts stays below each of
+    ERRORS, as far as four times the table's step to its 256th reach."""
+    case, (hht, sdirk) = sb.paper_case(table), (sb.HHT(-0.1), sb.SDIRK(nystrom=True))
+    options: dict[str, Any] = {"kinds": ["contact"], "halvings": 11, "form": "displacement", "progress": False}
+    records = sb.study("converge", case, dt=4.0 * case.dt, integrators=(hht, sdirk), **options)
+    found = [cheapest(records.table, error, "steps") for error in ERRORS]
+    return [steps[str(sdirk)] / steps[str(hht)] for steps in found if len(steps) == 2]

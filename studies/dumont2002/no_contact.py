@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
+import stiffbeam as sb
 from stiffbeam.basics.arrays import Array
-from stiffbeam.figures.chart import new_figure
-from stiffbeam.march.integrate import integrate
+from stiffbeam.figures.chart import Figure, new_figure
 from stiffbeam.model.beam import roots
-from stiffbeam.model.problem import BeamProblem, DistributedLoad
-from stiffbeam.model.semidiscretisation import semidiscretise
-from stiffbeam.model.time_functions import Harmonic
-from stiffbeam.references import reference
 from stiffbeam.schemes.labels import parse_run
 
-from .figures import EXACT, STYLE
+from .figures import style
 from .table import Reading, equation_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 STIFFNESS, CELLS, DT = 8000.0, 25, 1e-3  # the paper's k^2, 1/h and dt
 T_END = 6.0  # not stated; about two periods of the load, 300 of the beam's first mode
@@ -32,94 +21,61 @@ RUNS = (
     "SDIRK(gamma=0.4359)@velocity-curvature",
     "SDIRK(gamma=0.4359, nystrom=True)@displacement",
 )  # fmt: skip
-WINDOW = 0.1  # the largest error within this time is drawn: it crosses zero with every oscillation
-GRIDS = ("(3.5) exact in time", "(3.12) exact in time")
+WINDOW = 100  # steps: the largest error within them is drawn, since it crosses zero with every oscillation
+GRIDS = {"(3.5) exact in time": "displacement", "(3.12) exact in time": "velocity-curvature"}
 
 
-def mode(root: float, x: ArrayLike) -> Array:
-    """X(x) = r (cosh lx - cos lx) + sin lx - sinh lx, r = (sin l + sinh l)/(cos l + cosh l).
-
-    x is a share of the length. Written over e^{-lx} and e^{-l(1-x)}: the difference of cosh and sinh
-    cancels for large l.
-    """
-    x = np.asarray(x, float)
-    c, s, small = np.cos(root), np.sin(root), np.exp(-root)
-    below = c + 0.5 * (np.exp(root) + small)
-    r = (s + 0.5 * (np.exp(root) - small)) / below
-    # sinh l - cosh l = -e^-l by hand: in float64 the difference of the two would lose it.
-    growing = 0.5 * (s - c - small) / below  # (r - 1)/2, of size e^{-l}
-    return growing * np.exp(root * x) + 0.5 * (r + 1.0) * np.exp(-root * x) - r * np.cos(root * x) + np.sin(root * x)
+def mode(x: ArrayLike) -> Array:
+    """X_1(x) = r (cosh lx - cos lx) + sin lx - sinh lx, r = (sin l + sinh l)/(cos l + cosh l), l = l_1."""
+    root = float(roots(1)[0])
+    lx, r = root * np.asarray(x, float), (np.sin(root) + np.sinh(root)) / (np.cos(root) + np.cosh(root))
+    return r * (np.cosh(lx) - np.cos(lx)) + np.sin(lx) - np.sinh(lx)
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorCurve:
-    """error (k,): |u - X_1(1) sin 2t| at the tip over X_1(1), at the times t (k,).
-
-    name: the paper's equation, or a discretisation in space solved exactly in time. in_time (k,): the
-    part of the error that is the scheme's, against its own discretisation solved exactly.
-    """
-
-    name: str
-    label: str
-    form: str
-    t: Array
-    error: Array
-    in_time: Array
-
-
-def problem() -> BeamProblem:
+def problem() -> sb.BeamProblem:
     """u_tt + k^2 u_xxxx = (k^2 l^4 - 4) X_1(x) sin 2t, u0 = 0, v0 = 2 X_1: exact u = X_1(x) sin 2t."""
     root = float(roots(1)[0])
-    return BeamProblem(
+    return sb.BeamProblem(
         stiffness=STIFFNESS,
-        loads=(DistributedLoad(lambda x: (STIFFNESS * root**4 - 4.0) * mode(root, x), Harmonic(1.0, 2.0)),),
-        initial_velocity=lambda x: 2.0 * mode(root, x),
+        loads=(sb.DistributedLoad(lambda x: (STIFFNESS * root**4 - 4.0) * mode(x), sb.Harmonic(1.0, 2.0)),),
+        initial_velocity=lambda x: 2.0 * mode(x),
     )
 
 
-def tip_exact(t: Array) -> Array:
+def tip_exact(t: ArrayLike) -> Array:
     """X_1(1) sin 2t."""
-    return float(mode(float(roots(1)[0]), 1.0)) * np.sin(2.0 * t)
+    return mode(1.0) * np.sin(2.0 * np.asarray(t))
 
 
-def error_curves(reading: Reading, dt: float = DT, t_end: float = T_END, cells: int = CELLS) -> list[ErrorCurve]:
-    """The error against time of every scheme, and of both discretisations solved exactly in time."""
-    found = []
-    size = abs(float(tip_exact(np.array(np.pi / 4.0))))
-    t = np.arange(round(t_end / dt) + 1) * dt
-    systems = {form: semidiscretise(problem(), cells, form) for form in ("displacement", "velocity-curvature")}
-    exact = {form: reference(system, t_end, t_eval=t) for form, system in systems.items()}
-    for name, (form, solution) in zip(GRIDS, exact.items(), strict=True):
-        error = np.abs(solution.tip - tip_exact(t)) / size
-        found.append(ErrorCurve(name, solution.label, form, t, error, np.zeros_like(t)))
+def error_curves(reading: Reading, t_end: float = T_END, cells: int = CELLS) -> dict[str, Array]:
+    """Errors at the tip over X_1(1) at multiples of DT, by grid solved exactly in time and by the paper's equation.
+
+    (2, k): |u - X_1(1) sin 2t|, and the part of it that is the scheme's, against its grid solved exactly in time.
+    """
+    t, size = np.arange(round(t_end / DT) + 1) * DT, abs(float(mode(1.0)))
+    systems = {form: sb.semidiscretise(problem(), cells, form) for form in GRIDS.values()}
+    exact = {form: sb.reference(system, t_end, t_eval=t).tip for form, system in systems.items()}
+    tips = {name: (form, exact[form]) for name, form in GRIDS.items()}
     for text in RUNS:
         scheme, form = parse_run(text)
-        run = integrate(systems[form], reading.scheme(scheme), dt, t_end)
-        error, in_time = (np.abs(run.tip - u) / size for u in (tip_exact(t), exact[form].tip))
-        found.append(ErrorCurve(equation_of(scheme, form), run.label, form, t, error, in_time))
-    return found
+        tips[equation_of(scheme, form)] = form, sb.integrate(systems[form], reading.scheme(scheme), DT, t_end).tip
+    return {name: np.abs(tip - [tip_exact(t), exact[form]]) / size for name, (form, tip) in tips.items()}
 
 
-def picture(curves: Sequence[ErrorCurve]) -> Figure:
+def picture(curves: dict[str, Array]) -> Figure:
     """|u - exact| at the tip against time; below, |u - the same discretisation solved exactly in time|."""
     figure = new_figure(7.0)
-    axes = figure.subplots(2, 1, sharex=True)
-    for curve in curves:
-        colour, dashes = EXACT[curve.form] if curve.name in GRIDS else STYLE[curve.name]
-        look = {"color": colour, "dashes": dashes or (None, None), "label": curve.name}
-        look |= {"lw": 3.0, "alpha": 0.3} if curve.name in GRIDS else {"lw": 1.2}
-        axes[0].plot(*_envelope(curve, curve.error), **look)
-        if curve.name not in GRIDS:
-            axes[1].plot(*_envelope(curve, curve.in_time), **look)
-    axes[0].set(yscale="log", ylabel="error at the tip over $X_1(1)$", xlim=(0.0, curves[0].t[-1]))
-    axes[1].set(yscale="log", ylabel="part of the scheme", xlabel="time $t$")
-    axes[0].legend(frameon=False, fontsize=8, ncols=4)
+    above, below = figure.subplots(2, 1, sharex=True)
+    for name, errors in curves.items():
+        look = style(GRIDS.get(name, name)) | {"label": name, "lw": 1.2}
+        if name in GRIDS:
+            look |= {"lw": 3.0, "alpha": 0.3}
+        for axis, error in zip((above, below), errors, strict=True):
+            blocks = len(error) // WINDOW
+            largest = np.max(error[: blocks * WINDOW].reshape(blocks, WINDOW), axis=1)
+            if np.any(largest > 0.0):
+                axis.plot((np.arange(blocks) + 0.5) * WINDOW * DT, largest, **look)
+    above.set(yscale="log", ylabel="error at the tip over $X_1(1)$", xlim=(0.0, T_END))
+    below.set(yscale="log", ylabel="part of the scheme", xlabel="time $t$")
+    above.legend(frameon=False, fontsize=8, ncols=4)
     return figure
-
-
-def _envelope(curve: ErrorCurve, error: Array) -> tuple[Array, Array]:
-    """The largest error of every window."""
-    steps = max(1, round(WINDOW / float(curve.t[1] - curve.t[0])))
-    blocks = len(error) // steps
-    largest = np.max(error[: blocks * steps].reshape(blocks, steps), axis=1)
-    return curve.t[: blocks * steps : steps] + 0.5 * WINDOW, largest

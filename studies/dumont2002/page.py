@@ -15,17 +15,14 @@ import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+import stiffbeam as sb
 from stiffbeam.basics.storage import write_whole
-from stiffbeam.files.cases import paper_case
 from stiffbeam.measures.report import DASH
-from stiffbeam.model.problem import PointLoad
-from stiffbeam.model.time_functions import Harmonic
-from stiffbeam.schemes import HHT, SDIRK
 
 from . import no_contact
 from .costs import CPU_TABLES
-from .numbers import PERIODS, SPREAD, Numbers, Sample, exact_name
-from .table import Reading, drive_of, equation_of
+from .numbers import PERIODS, SPREAD, Numbers, spread
+from .table import Reading, drive_of, published
 
 DOI = "10.1016/S0378-4754(02)00003-4"  # by the number printed at the foot of its first page
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -39,28 +36,24 @@ def write_page(
     packages = ", ".join(f"{name} {version(name)}" for name in ("stiffbeam", "numpy", "scipy", "matplotlib"))
     context: dict[str, Any] = {
         "parts": parts, "numbers": numbers, "reading": reading, "command": command, "across": across,
-        "case": paper_case, "parameters": parameters, "measures": measures, "impacts": impacts(numbers),
-        "spread": spread, "without_contact": no_contact, "DOI": DOI, "PERIODS": PERIODS, "SPREAD": SPREAD,
-        "today": date.today().isoformat(),
+        "case": sb.paper_case, "parameters": parameters, "measures": measures, "impacts": impacts, "cpu": cpu,
+        "table": pd.DataFrame, "spread": spread, "without_contact": no_contact, "DOI": DOI, "PERIODS": PERIODS,
+        "SPREAD": SPREAD, "today": date.today().isoformat(),
         "versions": f"{packages}; Python {platform.python_version()}, {platform.machine()}",
     }  # fmt: skip
-    if across:
-        context |= {
-            "claims": pd.DataFrame(across["claims"]), "misprints": pd.DataFrame(across["misprints"]),
-            "errors": pd.DataFrame(across["without_contact"]["rows"]).map(cell), "cpu": cpu(across["costs"]),
-        }  # fmt: skip
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True,
         undefined=StrictUndefined,
     )  # fmt: skip
     filters: Any = environment.filters
-    filters.update({"typeset": typeset, "frame": frame})
+    filters |= {"typeset": typeset, "frame": frame}
     return write_whole(file, environment.get_template("page.html").render(context))
 
 
 def frame(table: pd.DataFrame, caption: str, words: bool = False) -> Markup:
     """An HTML table; ``words`` aligns its columns to the left."""
-    text = table.map(typeset).to_html(index=False, border=0, classes="words" if words else None)
+    texts = table.astype(object).map(lambda value: typeset(cell(value)))
+    text = texts.to_html(index=False, border=0, classes="words" if words else None)
     return Markup(text.replace("<thead>", f"<caption>{escape(typeset(caption))}</caption>\n  <thead>", 1))
 
 
@@ -77,41 +70,34 @@ def cell(value: Any, digits: int = 3) -> str:
     return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
-def spread(row: Numbers, measure: str, scale: float = 1.0) -> str:
-    """Mean and standard deviation over the members."""
-    return Sample.of(row, measure).written(scale)
-
-
 # ---------------------------------------------------------------- tables
 
 
 def parameters(number: int) -> Iterator[tuple[str, str]]:
     """The paper's table in its symbols, with T beside it."""
-    case = paper_case(number)
-    problem, stops = case.beam, case.beam.all_stops[0]
+    case = sb.paper_case(number)
+    problem, stops, drive = case.beam, case.beam.all_stops[0], drive_of(case)
     yield "k²", cell(problem.stiffness, 6)
-    yield "a" if problem.base is not None and number != 17 else "w", cell(drive_of(case))
-    drive = problem.base if problem.base is not None else problem.loads[0].time
-    assert isinstance(drive, Harmonic)
+    yield "a" if problem.base is not None and number != 17 else "w", cell(drive.frequency)
     yield "E", cell(drive.amplitude, 6)
     for load in problem.loads:
-        assert isinstance(load, PointLoad)
+        assert isinstance(load, sb.PointLoad)
         yield "x_d", cell(load.position)
     yield "h", cell(1.0 / case.cells)
     yield "dt", cell(case.dt)
     for name, place in (("g₁", stops.lower), ("g₂", stops.upper)):
         yield name, "none" if place is None else cell(place)
     yield "κ", cell(stops.stiffness)
-    yield from {("α", cell(scheme.alpha)): None for scheme, _ in case.runs if isinstance(scheme, HHT)}
-    yield from {("γ", cell(scheme.gamma, 4)): None for scheme, _ in case.runs if isinstance(scheme, SDIRK)}
+    yield from {("α", cell(scheme.alpha)): None for scheme, _ in case.runs if isinstance(scheme, sb.HHT)}
+    yield from {("γ", cell(scheme.gamma, 4)): None for scheme, _ in case.runs if isinstance(scheme, sb.SDIRK)}
     yield "T (inferred)", cell(case.t_end)
 
 
 def measures(number: int, numbers: Numbers) -> pd.DataFrame:
-    """Measures of every run and of the exact motion of a table, beside the paper's impacts."""
-    counts = published_impacts(number)
+    """Measures of every run and of the true motion of a table as texts, beside the paper's impacts."""
+    counts = published(sb.paper_case(number), "impacts")
     named = [(f"{name} {row['scheme']}", counts.get(name), row) for name, row in numbers["runs"].items()]
-    named += [(exact_name(form, row), None, row) for form, row in numbers["exact"].items()]
+    named += [(f"true, {form}", None, row) for form, row in numbers["exact"].items()]
     columns = {
         "contact, %": ("fraction", 100.0), "peak |σ|": ("peak_force", 1.0), "energy lost, %": ("energy_lost", 100.0),
         "tip error, %": ("tip_error", 100.0), "impacts match until": ("matched_until", 1.0),
@@ -121,40 +107,31 @@ def measures(number: int, numbers: Numbers) -> pd.DataFrame:
     for name, count, row in named:
         values = {head: None if row.get(key) is None else scale * row[key] for head, (key, scale) in columns.items()}
         rows.append({"motion": name, "impacts": row["impacts"], "paper's": count} | values)
-    table = pd.DataFrame(rows, dtype=object)
-    return table.map(cell) if counts else table.drop(columns="paper's").map(cell)
-
-
-def published_impacts(number: int) -> dict[str, int]:
-    """The paper's counts of a table by equation; it gives them for Tables 10 to 13 only."""
-    case = paper_case(number)
-    counts = case.published.get("impacts", {})
-    labels = {equation_of(*run): "{}@{}".format(*run) for run in case.runs}
-    return {equation: int(counts[label]) for equation, label in labels.items() if label in counts}
+    table = pd.DataFrame(rows, dtype=object).map(cell)
+    return table if counts else table.drop(columns="paper's")
 
 
 def impacts(numbers: Mapping[int, Numbers]) -> pd.DataFrame:
-    """The paper's counts, those of the ensembles, and the true ones where they are known."""
+    """The paper's counts, those of the ensembles, and the true ones."""
     rows = []
     for table, found in numbers.items():
-        counts = published_impacts(table)
+        counts = published(sb.paper_case(table), "impacts")
         for equation, row in found["runs"].items():
             exact = found["exact"][row["form"]]
             rows.append(
                 {
-                    "table": str(table), "scheme": equation, "paper": cell(counts.get(equation)),
+                    "table": table, "scheme": equation, "paper": counts.get(equation),
                     "ensemble": spread(row, "impacts"), "exact ensemble": spread(exact, "impacts"),
-                    "true": cell(exact["impacts"] if exact["digits"] else None),
+                    "true": exact["impacts"],
                     "contact, %": spread(row, "fraction", 100.0),
                     "exact contact, %": spread(exact, "fraction", 100.0),
                 }
             )  # fmt: skip
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, dtype=object)
 
 
-def cpu(costs: Iterable[Mapping[str, Any]]) -> list[tuple[str, pd.DataFrame]]:
+def cpu(costs: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, pd.DataFrame]]:
     """(caption, the paper's seconds beside times per step here) of the groups of tables."""
-    found = []
     for tables in CPU_TABLES:
         group = [row for row in costs if row["table"] in tables]
         unit = group[0]["unit"]
@@ -166,5 +143,4 @@ def cpu(costs: Iterable[Mapping[str, Any]]) -> list[tuple[str, pd.DataFrame]]:
             }
             for row in group
         ]  # fmt: skip
-        found.append((f"CPU time, Tables {tables[0]} to {tables[-1]}", pd.DataFrame(rows, dtype=object).map(cell)))
-    return found
+        yield f"CPU time, Tables {tables[0]} to {tables[-1]}", pd.DataFrame(rows, dtype=object)

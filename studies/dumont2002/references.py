@@ -6,11 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import stiffbeam as sb
 from stiffbeam.basics.storage import read_netcdf, write_whole
 from stiffbeam.files.cases import Case, paper_cases
-from stiffbeam.files.store import BOUND, freeze, load
-from stiffbeam.references import reference
-from stiffbeam.trajectory.trajectory import Reference
+from stiffbeam.files.store import BOUND, freeze
 
 MANIFEST = "MANIFEST.json"
 PARAMETERS = "decimals and multiples of pi exactly as written in the case, not the doubles nearest to them"
@@ -18,18 +17,20 @@ STORE = Path(__file__).parents[2] / "reference" / "tables"
 
 
 def entries(folder: Path) -> list[dict[str, Any]]:
-    """The manifest of a folder, an entry for each solution."""
-    return json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["references"]
+    """The manifest of a folder, an entry for each solution; none where the folder has no manifest."""
+    file = folder / MANIFEST
+    return json.loads(file.read_text(encoding="utf-8"))["references"] if file.is_file() else []
 
 
-def frozen(folder: Path, case: Case, form: str) -> Reference | None:
-    """The frozen solution of a table over at least its time span, None if there is none."""
+def frozen(folder: Path, case: Case, form: str) -> sb.Reference:
+    """The frozen solution of a table over at least its time span. Raises InputError if there is none."""
     for entry in entries(folder):
         if case.name in entry["tables"] and entry["form"] == form and entry["t_end"] >= case.t_end:
-            solution = load(folder / entry["file"], case.system(form))
-            assert isinstance(solution, Reference)
+            solution = sb.load(folder / entry["file"], case.system(form))
+            assert isinstance(solution, sb.Reference)
             return solution
-    return None
+    rule = f"have a solution of {case.name}, {form} form, to t = {case.t_end:g}"
+    raise sb.InputError("references", str(folder), rule, "compute it: dumont2002.references.remake(STORE)")
 
 
 def wanted() -> list[tuple[str, str, list[str]]]:
@@ -46,14 +47,12 @@ def wanted() -> list[tuple[str, str, list[str]]]:
 def remake(folder: Path) -> list[str]:
     """Compute the solutions that the manifest of ``folder`` lacks; returns the files written. All take about a quarter
     of an hour."""
-    known = {entry["file"]: entry for entry in entries(folder)} if (folder / MANIFEST).is_file() else {}
-    written = list[str]()
+    known, written = {entry["file"]: entry for entry in entries(folder)}, list[str]()
     for name, form, tables in wanted():
         file = folder / f"{name}-{form}.nc"
         if file.name in known and file.is_file():
             continue
-        case = paper_cases()[name]
-        solution = reference(case.system(form), case.t_end, "multiprecision")
+        solution = sb.reference(paper_cases()[name].system(form), paper_cases()[name].t_end, "multiprecision")
         hash = read_netcdf(freeze(solution, file)).attrs["hash"]
         known[file.name] = {"file": file.name} | facts(solution) | {
             "seconds": round(solution.work.seconds, 1), "hash": hash, "tables": tables
@@ -65,7 +64,7 @@ def remake(folder: Path) -> list[str]:
     return written
 
 
-def facts(solution: Reference) -> dict[str, Any]:
+def facts(solution: sb.Reference) -> dict[str, Any]:
     """Form, end, digits and contact of a solution: impacts of all contacts, the largest share and force among them."""
     notes, contacts = solution.provenance, solution.contacts
     return {

@@ -1,28 +1,19 @@
-"""One table of the paper: its runs, and the exact solution of every form that they use."""
+"""One table of the paper: its runs beside the true motion of every form that they use."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 
-from stiffbeam.basics.validation import InputError, one_of
+import stiffbeam as sb
+from stiffbeam.basics.validation import one_of
 from stiffbeam.files.cases import Case
-from stiffbeam.march.integrate import integrate
 from stiffbeam.march.treatment import TREATMENTS
-from stiffbeam.model.contact import Stops
-from stiffbeam.model.semidiscretisation import semidiscretise
-from stiffbeam.model.system import System
-from stiffbeam.model.time_functions import Harmonic
-from stiffbeam.references import reference
-from stiffbeam.schemes import HHT, SDIRK, PrintedSigma, Scheme, UnweightedHHT
-from stiffbeam.trajectory.trajectory import Diverged, Reference, Trajectory
+from stiffbeam.schemes import PrintedSigma, UnweightedHHT
 
-from .references import MANIFEST, STORE, frozen
+from .references import STORE, frozen
 
 LONGEST_HORIZON = 1.0  # no table's float64 horizon reaches half of it
-
-
-PRINTED: dict[type[Scheme], type[Scheme]] = {HHT: UnweightedHHT, SDIRK: PrintedSigma}
+PRINTED: dict[type[sb.Scheme], type[sb.Scheme]] = {sb.HHT: UnweightedHHT, sb.SDIRK: PrintedSigma}
 
 
 @dataclass(frozen=True)
@@ -35,69 +26,49 @@ class Reading:
         "implicit", or "extrapolated" as the paper describes it.
     printed : bool
         HHT and SDIRK with the misprint that runs at any step: (4.13) unweighted, the sign of sigma. BDF2 has none.
-    references : str, optional
-        Folder of frozen multiprecision solutions; None for the exact solution in float64.
     """
 
     contact: str = "implicit"
     printed: bool = False
-    references: str | None = None
 
     def __post_init__(self) -> None:
         one_of("contact", self.contact, TREATMENTS)
 
-    @classmethod
-    def of(cls, contact: str, printed: bool, references: Path | None) -> Reading:
-        """Reading with the given folder of references, or the one that is there."""
-        folder = STORE if references is None else references
-        if not (folder / MANIFEST).is_file():
-            raise InputError("--references", str(folder), f"hold a {MANIFEST}", "leave it out for that of the checkout")
-        return cls(contact, printed, str(folder.resolve()))
-
-    def scheme(self, scheme: Scheme) -> Scheme:
+    def scheme(self, scheme: sb.Scheme) -> sb.Scheme:
         """``scheme`` as this reading has it."""
         kind = PRINTED.get(type(scheme)) if self.printed else None
         return scheme if kind is None else kind(**scheme.parameters)
 
-    @property
-    def name(self) -> str:
-        """Name of a folder: "implicit-corrected", "extrapolated-printed"."""
-        return f"{self.contact}-{'printed' if self.printed else 'corrected'}"
-
 
 @dataclass(frozen=True)
-class Made:
-    """Runs of a table, by the paper's equation number, beside references and horizons of float64 by form.
+class Table:
+    """Runs and failures of a table by the paper's equation number; systems, true motions and float64 horizons by form.
 
-    failures: by equation number.
+    failures: messages of the runs that overflowed.
     """
 
     case: Case
     reading: Reading
-    systems: dict[str, System]
-    runs: dict[str, Trajectory] = field(default_factory=dict)
-    references: dict[str, Reference] = field(default_factory=dict)
-    horizons: dict[str, float] = field(default_factory=dict)
-    failures: dict[str, str] = field(default_factory=dict)
+    systems: dict[str, sb.System]
+    references: dict[str, sb.Reference]
+    horizons: dict[str, float]
+    runs: dict[str, sb.Trajectory]
+    failures: dict[str, str]
 
     @property
-    def equations(self) -> dict[str, tuple[Scheme, str]]:
-        """Scheme and form of every run of the case, by the paper's equation number."""
-        return {equation_of(*run): run for run in self.case.runs}
-
-    @property
-    def stops(self) -> Stops:
+    def stops(self) -> sb.Stops:
         """The stops of the tip."""
         return self.case.beam.all_stops[0]
 
     @property
     def drive(self) -> float:
-        """The angular frequency of the base, or of the load where the base rests."""
-        return drive_of(self.case)
+        """The angular frequency that drives the beam."""
+        return drive_of(self.case).frequency
 
-    def known(self, form: str) -> bool:
-        """Return True if the reference of ``form`` is true over the whole span: a multiprecision solution."""
-        return self.references[form].provenance["method"] == "multiprecision"
+    @property
+    def steps(self) -> int:
+        """Steps of a run."""
+        return round(self.case.t_end / self.case.dt)
 
     @property
     def number(self) -> int:
@@ -105,49 +76,47 @@ class Made:
         return int(self.case.name.removeprefix("table"))
 
 
-def drive_of(case: Case) -> float:
-    """The angular frequency that drives ``case``."""
+def drive_of(case: Case) -> sb.Harmonic:
+    """The motion of the base, or the load where the base rests."""
     time = case.beam.base if case.beam.base is not None else case.beam.loads[0].time
-    assert isinstance(time, Harmonic)
-    return time.frequency
+    assert isinstance(time, sb.Harmonic)
+    return time
 
 
-def equation_of(scheme: Scheme, form: str) -> str:
+def equations(case: Case) -> dict[str, tuple[sb.Scheme, str]]:
+    """Scheme and form of every run of the case, by the paper's equation number."""
+    return {equation_of(*run): run for run in case.runs}
+
+
+def equation_of(scheme: sb.Scheme, form: str) -> str:
     """The paper's number for ``scheme`` on ``form``: (4.5), (4.10), (4.11), (4.12), (4.13) or (4.14)."""
-    if isinstance(scheme, SDIRK):
+    if isinstance(scheme, sb.SDIRK):
         return "(4.14)" if scheme.nystrom else "(4.10)" if form == "velocity-curvature" else "(4.12)"
-    if isinstance(scheme, HHT):
+    if isinstance(scheme, sb.HHT):
         return "(4.13)"
     return "(4.5)" if form == "velocity-curvature" else "(4.11)"
 
 
-def make_table(case: Case, reading: Reading) -> Made:
-    """The runs of ``case`` as ``reading`` has them, beside the exact solution over the whole span.
+def published(case: Case, kind: str) -> dict[str, float]:
+    """The paper's "cpu_seconds" or "impacts" of a table by equation number; it has impacts for Tables 10 to 13 only."""
+    values = case.published.get(kind, {})
+    labels = {equation: "{}@{}".format(*run) for equation, run in equations(case).items()}
+    return {equation: values[label] for equation, label in labels.items() if label in values}
+
+
+def make_table(case: Case, reading: Reading) -> Table:
+    """The runs of ``case`` as ``reading`` has them, beside the true motions.
 
     A run that overflows is noted in ``failures`` and the others go on.
     """
-    forms = dict.fromkeys(form for _, form in case.runs)
-    made = Made(case, reading, {form: semidiscretise(case.beam, case.cells, form) for form in forms})
-    for form, system in made.systems.items():
-        made.references[form], made.horizons[form] = exact_solution(case, form, system, reading)
-    for equation, (scheme, form) in made.equations.items():
-        chosen = reading.scheme(scheme)
+    systems = {form: case.system(form) for form in dict.fromkeys(form for _, form in case.runs)}
+    true = {form: frozen(STORE, case, form) for form in systems}
+    end = min(case.t_end, LONGEST_HORIZON)
+    horizons = {form: sb.reference(system, end).horizon for form, system in systems.items()}
+    runs, failures = dict[str, sb.Trajectory](), dict[str, str]()
+    for equation, (scheme, form) in equations(case).items():
         try:
-            made.runs[equation] = integrate(made.systems[form], chosen, case.dt, case.t_end, reading.contact)
-        except Diverged as error:
-            made.failures[equation] = str(error)
-    return made
-
-
-def exact_solution(case: Case, form: str, system: System, reading: Reading) -> tuple[Reference, float]:
-    """(reference over the case's span, horizon of float64).
-
-    The frozen multiprecision solution where the reading's folder has it; else the exact solution in float64, which past
-    its horizon is one realisation of the motion.
-    """
-    if reading.references is not None:
-        found = frozen(Path(reading.references), case, form)
-        if found is not None:
-            return found, reference(system, min(case.t_end, LONGEST_HORIZON)).horizon
-    exact = reference(system, case.t_end)
-    return exact, exact.horizon
+            runs[equation] = sb.integrate(systems[form], reading.scheme(scheme), case.dt, case.t_end, reading.contact)
+        except sb.Diverged as error:
+            failures[equation] = str(error)
+    return Table(case, reading, systems, true, horizons, runs, failures)

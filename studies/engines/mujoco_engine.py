@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from problem_file import Problem, Refused, main, modes, sides
+from problem_file import Problem, Refused, main, modes
 
 CONTACT_STEPS = 8.0
 FAR = 1e9  # where there is no stop
@@ -28,8 +28,7 @@ def model(problem: Problem, shapes: np.ndarray, squares: np.ndarray, dt: float) 
             raise Refused("a tendon's range and dead band stay where they are: no stop that moves")
         if {"exponent", "damping", "dissipation"} & contact.keys():
             raise Refused("a tendon's spring is polynomial and its damper acts outside the dead band too")
-        stops = dict(sides(contact))
-        low, high = stops.get(-1.0, -FAR), stops.get(1.0, FAR)
+        low, high = contact.get("lower", -FAR), contact.get("upper", FAR)
         coefficients = (contact["row"] @ shapes).tolist()
         joints = "".join(f'<joint joint="z{i}" coef="{x!r}"/>' for i, x in enumerate(coefficients))
         law = f'stiffness="{contact["stiffness"]!r}" springlength="{low!r} {high!r}"'
@@ -59,8 +58,9 @@ def _limit(e: float, dt: float) -> tuple[float, float]:
     return decay**2 * (1.0 + s * s), 2.0 * decay * s
 
 
-def solve(problem: Problem, steps: float):
-    steps = int(steps)
+def solve(problem: Problem, steps: int):
+    if np.any(problem.C):
+        raise Refused("dampers between coordinates would couple the modes")
     shapes, squares = modes(problem)
     m = model(problem, shapes, squares, problem.t_end / steps)
     d = mujoco.MjData(m)

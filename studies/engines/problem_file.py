@@ -10,7 +10,6 @@ with restitution e. An adapter gives ``main`` a function solve(problem, level) -
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import time
 import tomllib
@@ -19,8 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-Solve = Callable[["Problem", float], tuple[Any, Any, Any]]
 
 
 class Refused(Exception):
@@ -34,7 +31,6 @@ class Problem:
         table = tomllib.loads(text)
         data = table["system"]
         self.name, self.t_end, self.steps = table["name"], table["t_end"], tuple(table["steps"])
-        self.times = np.arange(table["samples"] + 1) * (self.t_end / table["samples"])
         self.q, self.v = (np.array(data[f"initial_{x}"], float) for x in ("displacement", "velocity"))
         self.n = len(self.q)
         self.M, self.K = _matrix(data["mass"]), _matrix(data["stiffness"])
@@ -49,29 +45,6 @@ class Problem:
         """Their sum at time t."""
         return sum((p * value(x, t) for p, x in self.load_tables), np.zeros(self.n))
 
-    @property
-    def breaks(self) -> list[float]:
-        """Where a load has a kink."""
-        return sorted({t for _, x in self.load_tables for t in x.get("times", ()) if 0.0 < t < self.t_end})
-
-
-def sides(contact: dict[str, Any]) -> list[tuple[float, float]]:
-    """(sign, stop) of each stop of a contact."""
-    return [(sign, contact[name]) for sign, name in ((1.0, "upper"), (-1.0, "lower")) if name in contact]
-
-
-def press(contact: dict[str, Any], t: float, u: float, v: float) -> float:
-    """What a contact resists with, -F, at position u = row.q and velocity v."""
-    if "offset" in contact:
-        u, v = u + value(contact["offset"], t), v + rate(contact["offset"], t)
-    for sign, stop in sides(contact):
-        d, d_rate = sign * (u - stop), sign * v
-        if d > 0.0:
-            pressed = contact["stiffness"] * d ** contact.get("exponent", 1.0)
-            pressed *= 1.0 + contact.get("dissipation", 0.0) * d_rate
-            return sign * max(0.0, pressed + contact.get("damping", 0.0) * d_rate)
-    return 0.0
-
 
 def value(x: dict[str, Any], t: float) -> float:
     """A function of time of the file."""
@@ -82,25 +55,11 @@ def value(x: dict[str, Any], t: float) -> float:
     return x["amplitude"] * np.sin(x["frequency"] * t + x.get("phase", 0.0))
 
 
-def rate(x: dict[str, Any], t: float) -> float:
-    """Its derivative, of a harmonic."""
-    return x["amplitude"] * x["frequency"] * np.cos(x["frequency"] * t + x.get("phase", 0.0))
-
-
 def modes(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     """Phi with Phi' M Phi = 1 and the squares of the frequencies."""
     half = np.linalg.inv(np.linalg.cholesky(problem.M))
     squares, shapes = np.linalg.eigh(half @ problem.K @ half.T)
     return half.T @ shapes, np.maximum(squares, 0.0)
-
-
-def debian_version(package: str) -> str:
-    """Of an installed package of Debian or its kin; empty where there is none."""
-    try:
-        found = subprocess.run(["dpkg-query", "-W", "-f", "${Version}", package], capture_output=True, text=True)
-    except FileNotFoundError:
-        return ""
-    return found.stdout.partition("-")[0].partition("+")[0]
 
 
 def _matrix(given: Any) -> np.ndarray:
@@ -112,7 +71,9 @@ def _matrix(given: Any) -> np.ndarray:
     return full
 
 
-def main(engine: str, version: str, options: str, solve: Solve, limit: float = np.inf) -> None:
+def main(
+    engine: str, version: str, options: str, solve: Callable[[Problem, float], Any], limit: float = np.inf
+) -> None:
     """Solve every problem of a folder and write the runs into another: FOLDER OUT [NAME ...].
 
     OUT/NAME-LEVEL.npz holds t, q, v, seconds, and OUT/engine.json what was refused or failed. limit: no more than
