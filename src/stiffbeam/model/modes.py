@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 import numpy as np
@@ -145,12 +145,16 @@ def _kept(of_system: Callable[[System], Any]) -> Callable[[System], Any]:
 @np.errstate(over="ignore")  # refused by ``_within_float64``
 def undamped_modes(system: System) -> Modes:
     """The modes of ``system`` without its damping, which always decouple."""
-    try:
-        squares, vectors = scipy.linalg.eigh(system.stiffness, system.mass, driver="gvd", check_finite=False)
-    except np.linalg.LinAlgError:  # of entries that have overflown
-        squares = vectors = np.full((1, 1), np.inf)
-    start, factor = _within_float64("stiffness", squares), system.stiffness_factor
-    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, start, vectors)
+    into, back = _root(system.mass)
+    factor = system.stiffness_factor
+    # A start by singular values of a factor of K, which lose w_max/w_1 instead of its square, or by eigenvalues.
+    if factor is not None:
+        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
+        squares, vectors = omega[::-1] ** 2, vectors[::-1].T
+    else:
+        scaled = 0.5 * into(into(system.stiffness).T)
+        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
+    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))
     omega = np.sqrt(np.maximum(squares, 0.0))
     shapes = shapes * np.where(_largest(shapes) < 0.0, -1.0, 1.0)  # equal systems have equal modes
     return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
@@ -235,6 +239,17 @@ def _within_float64(name: str, scaled: Array) -> Array:
     return scaled
 
 
+def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+    """x -> R^-T x and x -> R^-1 x of M = R^T R."""
+    diagonal = np.diag(mass)
+    # n entries of a definite matrix stand on its diagonal, which has none that is zero.
+    if np.count_nonzero(mass) == len(mass):
+        root = np.sqrt(diagonal)[:, None]
+        return lambda x: x / root, lambda x: x / root
+    upper = scipy.linalg.cholesky(mass)
+    return partial(scipy.linalg.solve_triangular, upper, trans=1), partial(scipy.linalg.solve_triangular, upper)
+
+
 def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence[float]) -> Array:
     """Return C = M Phi diag(2 zeta_j omega_j) Phi^T M, Phi^T M Phi = I: damping that keeps the natural modes.
 
@@ -293,8 +308,10 @@ def graded_eigenpairs(
     vectors were too far off, and the better ones are the next start. Of more than SMALL unknowns only the slow pairs
     are refined, within the space that they span.
     """
-    # The solver errs by n eps of the largest square: those below have more than ENOUGH of error.
-    slow = len(X) if len(X) <= SMALL else int(np.count_nonzero(squares < EPS * len(X) / ENOUGH * squares[-1]))
+    # The solver errs by n eps of the largest square, with a factor of the largest root: those below have more than
+    # ENOUGH of error.
+    known = squares if factor is None else np.sqrt(squares)
+    slow = len(X) if len(X) <= SMALL else int(np.count_nonzero(known < EPS * len(X) / ENOUGH * known[-1]))
     if not slow:
         return squares, X
     fast, (X, rest) = squares[slow:], np.split(X, [slow], axis=1)
@@ -303,10 +320,10 @@ def graded_eigenpairs(
         # S = X^T K X, and its rounding by the size of the terms that are summed.
         if factor is None:
             S, terms = congruence(stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
-            rounding = rounding_of_zero(terms, slow)
+            rounding = rounding_of_zero(terms, len(mass))
         else:
             S, terms = gram(*product(factor, X)), np.sum((np.abs(factor) @ np.abs(X)) ** 2, axis=0)
-            rounding = rounding_of_zero(np.sqrt(terms), slow) ** 2
+            rounding = rounding_of_zero(np.sqrt(terms), len(mass)) ** 2
         # R = U^T U makes one symmetric matrix of the pair: U^-T S U^-1.
         R = congruence(mass, X)
         upper = scipy.linalg.cholesky(0.5 * (R + R.T))
@@ -321,7 +338,8 @@ def graded_eigenpairs(
     # A rigid motion has the square zero, not its rounding.
     squares[np.abs(squares) < rounding] = 0.0
     order = np.argsort(squares, kind="stable")
-    return np.append(squares[order], fast), np.hstack([X[:, order], rest])
+    # The fast shapes are orthogonal to the slow ones as these are now.
+    return np.append(squares[order], fast), np.hstack([X[:, order], rest - X @ (X.T @ (mass @ rest))])
 
 
 def rounding_of_zero(terms: Array, n: int) -> Array:
