@@ -141,7 +141,7 @@ static double speed(const Motion *s, Int block, Int k, Int c)
     const Run *run = s->run;
     Int K = s->b->K, row = c * K + k, length = s->base + (s->touched[block % 2] ? (k + 1) * s->b->nodes / K : 0);
     double v = dot(run->effects + row * run->W, x_of(s, block), length);
-    return run->inflows ? v + run->inflow_velocity[block * s->b->C * K + row] : v;
+    return run->inflow ? v + run->inflow_velocity[block * s->b->C * K + row] : v;
 }
 
 /* Its velocities at the ends of all steps of a block, in s->v. */
@@ -153,7 +153,7 @@ static const double *speeds(const Motion *s, Int block, Int c)
         Int length = s->base + (s->touched[block % 2] ? (k + 8) * s->b->nodes / K : 0);
         dots(run->effects + (row + k) * run->W, run->W, x_of(s, block), length, s->v + k);
     }
-    for (Int j = 0; run->inflows && j < k; j++) s->v[j] += run->inflow_velocity[block * s->b->C * K + row + j];
+    for (Int j = 0; run->inflow && j < k; j++) s->v[j] += run->inflow_velocity[block * s->b->C * K + row + j];
     for (; k < K; k++) s->v[k] = speed(s, block, k, c);
     return s->v;
 }
@@ -294,12 +294,12 @@ static int pass_block(Motion *s, Int block)
     /* Without contact forces: positions at all nodes, and the state at the end. */
     memcpy(x, z, (size_t)D * sizeof *x);
     drive_at(drive, (double)at * run->dt, g);
-    if (run->inflows)
+    if (run->inflow)
         memcpy(out, run->inflow + block * wide, (size_t)R * sizeof *out);
     else
         memset(out, 0, (size_t)R * sizeof *out);
     turn(b->transition, b->a, b->n, D, z, out + R);
-    for (Int j = R; run->inflows && j < wide; j++) out[j] += run->inflow[block * wide + j];
+    for (Int j = R; run->inflow && j < wide; j++) out[j] += run->inflow[block * wide + j];
     add_rows(out, R, z, b->reading, R, D);
     Int still = g[0] == 0.0;
     add_rows(out, wide, g + still, drive->rows + still * wide, wide, d - still);
