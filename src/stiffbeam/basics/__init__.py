@@ -1,1 +1,1 @@
-"""The base layer, which every other folder uses: arrays, units, checks of input, files and compilation."""
+"""The base layer, which every other package uses: arrays, text and units, checks of input, files, long calls."""

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .arrays import Array, is_read_only, read_only
-from .text import path_of, sentence, shown, walk
+from .text import Units, path_of, sentence, shown, walk
 
 Known = TypeVar("Known")
 Rng = int | np.random.Generator | np.random.BitGenerator | np.random.SeedSequence | None
@@ -172,6 +172,15 @@ def file_path(field: str, value: Any, remedy: str = "give a shorter one") -> Pat
         rule = "be the path of a file, each name in it at most 255 bytes"
         raise InputError(field, value, rule, remedy)
     return Path(value)
+
+
+def units_labels(units: Any) -> Units:
+    """``units`` as a tuple. Raises InputError unless it is empty or three short texts."""
+    names = list(units) if isinstance(units, (tuple, list)) else [""]
+    if len(names) in (0, 3) and all(isinstance(x, str) and 0 < len(x) <= 20 and x.isprintable() for x in names):
+        return tuple(names)
+    rule = "be the names of the units of length, time and force"
+    raise InputError("units", units, rule, 'for example ("mm", "s", "N"), and ("rad", "s", "N m") for rotations')
 
 
 def instance(field: str, value: Any, known: type[Known], remedy: str, rule: str = "") -> Known:

@@ -108,8 +108,8 @@ class Stepper:
         coordinates, m = self.coordinates, len(member.contacts)
         last = coordinates.start(member.q0, member.v0) if modal else (member.q0, member.v0)
         node = np.full((1, m), np.nan)  # the forces of the last node
-        for propagator, first, *kept in March(self, member, steps, None).advance(replayed=True):
-            y, forces = self._single_steps(member, propagator, first, *kept)
+        for propagator, first, count, starts, known in March(self, member, steps, None).advance(replayed=True):
+            y, forces = self._single_steps(member, propagator, first, count, starts, known)
             if modal:
                 (q, v), y[:, 0] = y, last
             else:  # by products of as many rows as there are steps, whose bits do not depend on the threads
