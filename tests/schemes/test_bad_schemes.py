@@ -24,7 +24,7 @@ LABELS = {
     "hht(alpha)": "scheme must name every parameter",
     "hht(alhpa=-0.1)": "'alhpa'",
     "HHT(alpha=0.1)": "alpha must lie in [-0.333333, 0], got 0.1: if your alpha is in [0, 1/3], pass -alpha",
-    "HHT(alpha='-0.1')": "alpha must lie in [-0.333333, 0], got '-0.1'",
+    "HHT(alpha='-0.1')": "alpha must be a number, got '-0.1'",
     "SDIRK(gamma=0.1)": "outside it the scheme is not L-stable",
     "SDIRK(gamma=0.18)": "outside it the scheme is not L-stable",
     "SDIRK(gamma=0.25777)": "coefficients",

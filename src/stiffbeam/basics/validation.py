@@ -59,7 +59,9 @@ class InputError(ValueError):
         return type(self), (self.field, self.value, self.rule, self.remedy)
 
 
-def number(field: str, value: Any, exact: bool = False, least: float = -math.inf, most: float = math.inf) -> float:
+def number(
+    field: str, value: Any, exact: bool = False, least: float = -math.inf, most: float = math.inf, remedy: str = ""
+) -> float:
     """``value`` as a finite float from ``least`` to ``most``; an ExactFloat stays one.
 
     exact: for a parameter of the problem, which may also be a text such as "0.001" or "pi/2", a Fraction
@@ -81,8 +83,8 @@ def number(field: str, value: Any, exact: bool = False, least: float = -math.inf
     if not math.isfinite(result):
         raise InputError(field, value, "be finite", "look at what it was computed from")
     if not least <= result <= most:
-        rules = [f">= {least:g}"] * (least > -math.inf) + [f"<= {most:g}"] * (most < math.inf)
-        raise InputError(field, value, f"be {' and '.join(rules)}", f"for example {max(least, min(most, 1.0)):g}")
+        rule = f"be >= {least:g}" if most == math.inf else f"lie in [{least:.6g}, {most:.6g}]"
+        raise InputError(field, value, rule, remedy or f"for example {max(least, min(most, 1.0)):g}")
     return result
 
 

@@ -25,38 +25,30 @@ class Entries:
     """The contacts at every node of so many steps, padded to eight, then the channels at the ends of steps that are no
     node, then where they are read the contacts' velocities at every node.
 
-    nodes: N, a multiple of eight. end_first, end_stride: (C,), rates: (N,), see march.h. place: (entries,), the step
-    times g plus the reading that stands there, -1 for padding.
+    nodes: N, a multiple of eight. end_first, end_stride: (C,), rates: (N,), see march.h. size: R, of all.
     """
 
     def __init__(self, readers: Readers, steps: int, ends_at_last_node: bool) -> None:
         S, m, C = len(readers.nodes), readers.contacts, readers.channels
         # Where the last node is the end of the step, the positions of the contacts there are entries of nodes already.
-        at_ends = C - m if ends_at_last_node else C
-        count = steps * S * m
+        self.readers, self.skipped = readers, m if ends_at_last_node else 0
+        at_ends, count = C - self.skipped, steps * S * m
         self.nodes = N = padded(count, least=0)
-        reading = np.arange(steps * readers.size).reshape(steps, -1)
-        ends = reading[:, readers.at_ends][:, C - at_ends :]
-        of_rates = reading[:, readers.node_rates].ravel()
-        place = [reading[:, readers.at_nodes].ravel(), np.full(N - count, -1), ends.ravel(), of_rates]
-        self.place = np.concatenate(place)
         # For every channel the entry at the end of the first step, and the distance to that of the next.
-        self.end_first, self.end_stride = N + np.arange(C), np.full(C, at_ends)
+        self.end_first, self.end_stride = N + np.arange(C) - self.skipped, np.full(C, at_ends)
         if ends_at_last_node:
             self.end_first[:m], self.end_stride[:m] = (S - 1) * m + np.arange(m), S * m
-            self.end_first[m:] = N + np.arange(at_ends)
-        rates = N + ends.size + np.arange(count)
-        self.rates = np.pad(rates, (0, N - count)) if len(of_rates) else of_rates
+        rates = N + steps * at_ends + np.arange(count if readers.rated else 0)
+        self.size = N + steps * at_ends + len(rates)
+        self.rates = np.pad(rates, (0, N - count)) if len(rates) else rates
 
-    def of_readings(self, x: Array, width: int) -> Array:
-        """(..., K, g) -> (..., width), zero where no reading stands."""
-        *batch, K, g = x.shape
-        # One zero more than readings: the place -1 of the padding leads to it.
-        flat = np.zeros((*batch, K * g + 1), x.dtype)
-        flat[..., :-1] = x.reshape(*batch, K * g)
-        rows = np.zeros((*batch, width), x.dtype)
-        rows[..., : len(self.place)] = flat[..., self.place]
-        return rows
+    def of_readings(self, x: Array) -> Array:
+        """(..., K, g) -> (..., R), zero between the nodes and the ends."""
+        r, (*batch, K, _) = self.readers, x.shape
+        at_ends = slice(r.at_ends.start + self.skipped, r.at_ends.stop)
+        parts = (x[..., at] for at in (r.at_nodes, at_ends, r.node_rates))
+        nodes, ends, rates = (part.reshape(*batch, K * part.shape[-1]) for part in parts)
+        return np.concatenate([nodes, np.zeros((*batch, self.nodes - nodes.shape[-1])), ends, rates], axis=-1)
 
 
 def powers_of(one: StepMap, steps: int, turn: bool) -> list[Array]:
@@ -127,11 +119,11 @@ class Propagator:
         self.entries = entries = Entries(one.readers, steps, one.ends_at_last_node)
         K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
         (n, g, k), C, levels = one.reading.shape, one.readers.channels, powers_of(one, steps, rule == MEAN)
-        R, D = len(entries.place), k * n
+        R, D = entries.size, k * n
         flat = repeated(one.reading, levels, K).transpose(1, 2, 3, 0).reshape(K, g, D)
         pushed, speeds = _of_forces(one, levels, entries, flat)
         # Arrays on the state. The transition is stored by cyclic diagonals.
-        self.reading = copied(entries.of_readings(flat.transpose(2, 0, 1), R))
+        self.reading = copied(entries.of_readings(flat.transpose(2, 0, 1)))
         self.transition = copied(by_diagonals(levels[-1]))  # K is a power of two
         # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
         self.nodes = nodes = K * S * m
@@ -215,8 +207,7 @@ class Propagator:
         (.., R + D) and on velocities (.., C, K). Stops move positions by offsets, velocities by the rates of these."""
         rows, velocity = loads @ self.load_rows, np.tensordot(loads, self.load_velocity, 1)
         if moved is not None:
-            R = self.reading.shape[1]
-            rows[..., :R] += self.entries.of_readings(moved, R)
+            rows[..., : self.entries.size] += self.entries.of_readings(moved)
             velocity += moved[..., self.one.readers.end_rates].swapaxes(-1, -2)
         return rows, velocity
 
@@ -274,7 +265,7 @@ def _of_forces(one: StepMap, levels: list[Array], entries: Entries, flat: Array)
     """Effects of a unit force of every kind at every node of a block: on entries and new state (P, S, K, R + D), and on
     the channels' velocities (P, S, K, K, C). flat: the readings (K, g, D) of the state, step by step."""
     (K, g, D), S = flat.shape, len(one.readers.nodes)
-    R, P = len(entries.place), one.push.shape[-1] // S
+    P = one.push.shape[-1] // S
     # A force in step i acts as one in step 0, i steps later.
     of_force = np.zeros((K + 1, g, P * S))  # the last for steps before the force
     of_force[0] = one.at_once
@@ -286,4 +277,4 @@ def _of_forces(one: StepMap, levels: list[Array], entries: Entries, flat: Array)
     # A force in step j acts through the K - 1 - j steps that follow it in the block.
     pushes = repeated(one.push.swapaxes(1, 2), [level.swapaxes(1, 2) for level in levels], K)  # A^j push, transposed
     left = pushes[:, ::-1].transpose(2, 1, 3, 0).reshape(P, S, K, D)  # by step of the force
-    return np.concatenate([entries.of_readings(seen, R), left], axis=-1), seen[..., one.readers.end_rates]
+    return np.concatenate([entries.of_readings(seen), left], axis=-1), seen[..., one.readers.end_rates]

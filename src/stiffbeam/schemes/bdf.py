@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..basics.validation import number
 from .conserving import Theta
-from .scheme import Array, Equation, Scheme, Step, in_interval, oscillator
+from .scheme import Array, Equation, Scheme, Step, oscillator
 
 
 class BDF2(Scheme):
@@ -79,12 +80,10 @@ class Bathe(Scheme):
     variants = ({"split": 2.0 - 2.0**0.5},)
 
     def __init__(self, split: float = 0.5) -> None:
-        self.split = in_interval("split", split, 0.01, 0.99)
+        self.split = number("split", split, least=0.01, most=0.99)
         self.nodes = (self.split, 1.0)
 
-    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
-        """(y, f) with the rate f of the state and the force given."""
-        return np.concatenate([history[0], equation.rate(history[0], force)])
+    initial = Theta.initial
 
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """Two implicit stages, at t_n + s dt and at t_{n+1}."""

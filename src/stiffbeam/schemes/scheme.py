@@ -131,14 +131,6 @@ def oscillator(x: float, xi: float) -> complex:
     return x * complex(-xi, (1.0 - xi * xi) ** 0.5)
 
 
-def in_interval(field: str, value: Any, low: float, high: float, remedy: str = "") -> float:
-    """``value`` as a float in [low, high]."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not low <= value <= high:
-        remedy = remedy or f"for example {0.5 * (low + high):g}"
-        raise InputError(field, value, f"lie in [{low:.6g}, {high:.6g}]", remedy)
-    return float(value)
-
-
 TWO_MODES = Equation(np.ones(2), np.array([0.1, 0.3]), np.array([0.7, 1.9]) ** 2)
 TOLERANCE = 1e-10  # of rounding; a broken contract shows at order one
 
