@@ -66,6 +66,7 @@ class Stepper:
         self, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
     ) -> None:
         self.coordinates, self.scheme, self.dt, self.treatment, self.rule = coordinates, scheme, dt, treatment, rule
+        self.system = coordinates.system
         self.kind = "dense blocks" if coordinates.basis is None else "modal blocks"  # in ``provenance["march"]``
         given, starter = (coordinates, dt), scheme.starter
         # The starter hands over whole states, so that none of its components is left out.
@@ -76,11 +77,6 @@ class Stepper:
             if each is not None and len(each.entries.rates):
                 require_giving_way(each.one.scheme, *each.compliances)
         self.own_launch = self.launch(self.system, 0)
-
-    @property
-    def system(self) -> System:
-        """The system whose matrices are used."""
-        return self.coordinates.system
 
     @cached_property
     def single(self) -> StepMap:

@@ -120,6 +120,7 @@ class Propagator:
         K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
         (n, g, k), C, levels = one.reading.shape, one.readers.channels, powers_of(one, steps, rule == MEAN)
         R, D = entries.size, k * n
+        self.used = D  # numbers of a state
         flat = repeated(one.reading, levels, K).transpose(1, 2, 3, 0).reshape(K, g, D)
         pushed, speeds = _of_forces(one, levels, entries, flat)
         # Arrays on the state. The transition is stored by cyclic diagonals.
@@ -143,11 +144,7 @@ class Propagator:
         drive = Drive.of(coordinates.system)
         self.loads, self.samples = P - m, drive.split(load_terms(coordinates.system), P - m)[1]
         self.offset_samples = drive.offsets(coordinates.system)[1]
-
-    @property
-    def used(self) -> int:
-        """D, the numbers of a state."""
-        return len(self.one.keep) * self.coordinates.rows.shape[1]
+        self.harmonic = not self.samples and not self.offset_samples  # then there is no inflow
 
     def pack(self, z: Array) -> Array:
         """The scheme's state (a, N) -> (D + ...,), see march.h."""
@@ -171,11 +168,6 @@ class Propagator:
         nodes = np.arange(self.nodes).reshape(-1, len(self.coordinates.columns))
         at = lambda entries: np.array([self.push[np.ix_(here, entries[here])].T for here in nodes])  # noqa: E731
         return at(np.arange(self.nodes)), at(self.entries.rates)
-
-    @property
-    def harmonic(self) -> bool:
-        """Return True where every load and offset is in the drive, so that there is no inflow."""
-        return not self.samples and not self.offset_samples
 
     def inflow(self, starts: Array, last: float) -> dict[str, Array]:
         """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,), as arrays of a Run.
