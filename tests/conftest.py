@@ -24,7 +24,7 @@ import pytest
 from commands import invoke
 
 import stiffbeam as sb
-from stiffbeam.basics import progress
+from stiffbeam.basics import resources
 
 # The same examples in every run, so that a failure comes again; ``--hypothesis-profile=default`` makes fresh ones. On a
 # busy machine one takes longer than the 200 ms that Hypothesis allows.
@@ -32,7 +32,7 @@ hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=Tr
 hypothesis.settings.load_profile("repeatable")
 
 pytest_plugins = ["pytester"]
-progress.WAIT = 600.0  # however busy the machine, no test prints a line about its work
+resources.WAIT = 600.0  # however busy the machine, no test prints a line about its work
 
 
 @pytest.hookimpl(wrapper=True)

@@ -33,8 +33,8 @@ from .references.ensemble import reference_ensemble as reference_ensemble
 from .references.exact.orbit import periodic_orbit as periodic_orbit
 from .references.horizon import lyapunov as lyapunov
 from .references.jax_flow import jax_flow as jax_flow
-from .schemes.bathe import Bathe as Bathe
-from .schemes.bdf2 import BDF2 as BDF2
+from .schemes.bdf import BDF2 as BDF2
+from .schemes.bdf import Bathe as Bathe
 from .schemes.conserving import ExponentialFlow as ExponentialFlow
 from .schemes.conserving import Theta as Theta
 from .schemes.conserving import Trapezoidal as Trapezoidal

@@ -21,8 +21,8 @@ from wild_values import NUMBERS, TEXTS
 
 import stiffbeam as sb
 from stiffbeam.cli.commands import OWN
+from stiffbeam.files import case_blocks, paper_text
 from stiffbeam.files.cases import find_case
-from stiffbeam.files.paper import case_blocks, paper_text
 from stiffbeam.studies import studies
 
 LONGEST = 300

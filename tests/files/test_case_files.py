@@ -16,10 +16,9 @@ from systems import bouncing_chain
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.files import columns
+from stiffbeam.files import case_blocks, columns, paper_text
 from stiffbeam.files.cases import Case, _parse, case_of, default_schemes, find_case, load_cases
 from stiffbeam.files.columns import read_samples
-from stiffbeam.files.paper import case_blocks, paper_text
 
 HEAD = """
 [[case]]

@@ -8,16 +8,16 @@ import pytest
 import threadpoolctl
 
 import stiffbeam as sb
-from stiffbeam.basics import progress
+from stiffbeam.basics import resources
 
 
 @pytest.mark.parametrize("colour", ["", "1"])  # to rich, standard error is then a terminal
 def test_work_of_seconds_shows_itself_now_and_then(colour, monkeypatch, capsys):
-    monkeypatch.setattr(progress, "WAIT", 0.05)
-    monkeypatch.setattr(progress, "LOOK", 0.01)
+    monkeypatch.setattr(resources, "WAIT", 0.05)
+    monkeypatch.setattr(resources, "LOOK", 0.01)
     monkeypatch.setenv("FORCE_COLOR", colour) if colour else monkeypatch.delenv("FORCE_COLOR", raising=False)
     for asked in (None, True, False):
-        with progress.working("counting", asked), progress.working("inside") as show:
+        with resources.working("counting", asked), resources.working("inside") as show:
             time.sleep(0.3)
             show("never", 0, 0)
         said = capsys.readouterr().err
@@ -34,7 +34,7 @@ def test_blas_has_one_thread_inside_and_its_own_outside():
         return [x["num_threads"] for x in info if "numpy" in x["filepath"] or "scipy.libs" in x["filepath"]]
 
     with threadpoolctl.threadpool_limits(2, "blas"):
-        with progress.working("one"), progress.working("two"):
+        with resources.working("one"), resources.working("two"):
             assert set(threads()) == {1}
         assert set(threads()) == {2}
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics.units import unit_of
+from stiffbeam.basics.text import unit_of
 from stiffbeam.files.cases import Case
 from stiffbeam.schemes import registered
 

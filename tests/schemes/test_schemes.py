@@ -10,8 +10,9 @@ from witness import solve
 
 import stiffbeam as sb
 from stiffbeam.model.equations import Equation
-from stiffbeam.schemes import GAMMA_THIRD_ORDER, PrintedSigma, PrintedStageMatrix, UnweightedHHT, registered
+from stiffbeam.schemes import GAMMA_THIRD_ORDER, RIGID, PrintedSigma, PrintedStageMatrix, UnweightedHHT, registered
 from stiffbeam.schemes.labels import parse_run, split_runs
+from stiffbeam.schemes.scheme import check_contract
 from stiffbeam.schemes.sdirk import GAMMA_MAX, GAMMA_MIN
 from stiffbeam.studies.base import chosen
 
@@ -30,6 +31,12 @@ def test_a_reaction_acts_as_a_load_does(scheme):
     loaded, reacted = (scheme.step(equation, 0.1, z, *pair) for pair in ((force, none), (none, force)))
     assert np.array_equal(loaded[0], reacted[0])
     assert np.array_equal(loaded[1], reacted[1])
+
+
+def test_every_scheme_keeps_the_contract_that_integrate_checks_of_others():
+    forms, rigid = [scheme.conserving for scheme in CONSERVING], [kind() for kind in RIGID.values()]
+    for scheme in [*ALL, *PRINTED, PrintedStageMatrix(), *forms, *rigid]:
+        check_contract(scheme)
 
 
 # ------------------------------------------------------------------ order
@@ -274,7 +281,7 @@ def test_a_label_may_leave_out_what_has_a_default():
     scheme, form = parse_run(" hht ")
     assert (type(scheme), scheme.alpha, form) == (sb.HHT, -0.1, "displacement")
     assert parse_run("bdf2", "velocity-curvature")[1] == "velocity-curvature"
-    sdirk = parse_run("sdirk( gamma = 0.4359 , nystrom=TRUE ) @ displacement")[0]
+    sdirk = parse_run("sdirk( gamma = 0.4359 , nystrom=True ) @ displacement")[0]
     assert (sdirk.gamma, sdirk.nystrom) == (GAMMA_THIRD_ORDER, True)  # the paper's digits mean the root
     assert str(sdirk) == "SDIRK(gamma=0.4359, nystrom=True)"
     assert parse_run(" test_schemes:Midpoint(theta=0.6) @ velocity-curvature")[1] == "velocity-curvature"

@@ -1,4 +1,4 @@
-"""Results as text: messages, plain values for JSON, paths to the parts of an object, and pictures by name."""
+"""Results as text: messages, plain values for JSON, units, paths to the parts of an object, and pictures by name."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 LONGEST = 300  # letters of a message
+Units = tuple[str, ...]  # labels of length, time and force, or () where none are given; nothing is ever converted
+SI: Units = ("m", "s", "N")
 
 
 class _Short(reprlib.Repr):
@@ -91,6 +93,37 @@ def walk(thing: Any, *keys: Any, leaves: tuple[type, ...] = ()) -> Iterator[tupl
 def path_of(keys: Iterable[Any]) -> str:
     """These names and indexes as Python writes them, "stops[0].upper"."""
     return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).removeprefix(".")
+
+
+def unit_of(units: Units, quantity: str) -> str:
+    """The unit of a quantity, "" where it has none: ``unit_of(("m", "s", "N"), "velocity")`` is "m/s"."""
+    if not units or not quantity:
+        return ""
+    L, T, F = units
+    return {
+        "length": L,
+        "time": T,
+        "force": F,
+        "velocity": f"{L}/{T}",
+        "frequency": f"rad/{T}",
+        "rate": f"1/{T}",
+        "stop stiffness": f"{F}/{L}",
+        "stop damping": f"{F} {T}/{L}",
+        "stop dissipation": f"{T}/{L}",
+        "impulse": f"{F} {T}",
+        "energy": "J" if (F, L) in (("N", "m"), ("N m", "rad")) else f"{F} {L}",
+        "power": f"{F} {L}/{T}",
+        "force per length": f"{F}/{L}",
+        "mass per length": "kg/m" if units == SI else f"{F} {T}²/{L}²",
+        "bending stiffness": f"{F} {L}²",
+        "bending viscosity": f"{F} {L}² {T}",
+    }[quantity]
+
+
+def with_unit(units: Units, text: str, quantity: str) -> str:
+    """``text`` with the unit of its quantity behind it, as on an axis: "time $t$ (s)"."""
+    unit = unit_of(units, quantity)
+    return f"{text} ({unit})" if unit else text
 
 
 DRAW: dict[str, Callable[..., Any]] = {}  # by name: "run", "comparison", "film"

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .arrays import Array, is_read_only, read_only
-from .text import path_of, sentence, shown, walk
+from .text import Units, path_of, sentence, shown, walk
 
 Known = TypeVar("Known")
 Rng = int | np.random.Generator | np.random.BitGenerator | np.random.SeedSequence | None
@@ -59,7 +59,9 @@ class InputError(ValueError):
         return type(self), (self.field, self.value, self.rule, self.remedy)
 
 
-def number(field: str, value: Any, exact: bool = False, least: float = -math.inf, most: float = math.inf) -> float:
+def number(
+    field: str, value: Any, exact: bool = False, least: float = -math.inf, most: float = math.inf, remedy: str = ""
+) -> float:
     """``value`` as a finite float from ``least`` to ``most``; an ExactFloat stays one.
 
     exact: for a parameter of the problem, which may also be a text such as "0.001" or "pi/2", a Fraction
@@ -81,8 +83,8 @@ def number(field: str, value: Any, exact: bool = False, least: float = -math.inf
     if not math.isfinite(result):
         raise InputError(field, value, "be finite", "look at what it was computed from")
     if not least <= result <= most:
-        rules = [f">= {least:g}"] * (least > -math.inf) + [f"<= {most:g}"] * (most < math.inf)
-        raise InputError(field, value, f"be {' and '.join(rules)}", f"for example {max(least, min(most, 1.0)):g}")
+        rule = f"be >= {least:g}" if most == math.inf else f"lie in [{least:.6g}, {most:.6g}]"
+        raise InputError(field, value, rule, remedy or f"for example {max(least, min(most, 1.0)):g}")
     return result
 
 
@@ -172,6 +174,15 @@ def file_path(field: str, value: Any, remedy: str = "give a shorter one") -> Pat
         rule = "be the path of a file, each name in it at most 255 bytes"
         raise InputError(field, value, rule, remedy)
     return Path(value)
+
+
+def units_labels(units: Any) -> Units:
+    """``units`` as a tuple. Raises InputError unless it is empty or three short texts."""
+    names = list(units) if isinstance(units, (tuple, list)) else [""]
+    if len(names) in (0, 3) and all(isinstance(x, str) and 0 < len(x) <= 20 and x.isprintable() for x in names):
+        return tuple(names)
+    rule = "be the names of the units of length, time and force"
+    raise InputError("units", units, rule, 'for example ("mm", "s", "N"), and ("rad", "s", "N m") for rotations')
 
 
 def instance(field: str, value: Any, known: type[Known], remedy: str, rule: str = "") -> Known:

@@ -12,7 +12,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
-from ..basics.progress import TALK
+from ..basics.resources import TALK
 
 INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
 QUIET = ("-q", "--quiet")

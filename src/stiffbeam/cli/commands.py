@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from ..basics.progress import TALK, working
-from ..basics.resources import cores
+from ..basics.resources import TALK, cores, working
 from ..basics.storage import make_folder, write_whole
 from ..basics.text import cut, plain
 from ..basics.validation import InputError, file_path, near, positive
@@ -418,7 +417,7 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     show
         Print one of them as TOML, as a start for your own file.
     """
-    from ..files.paper import case_blocks, paper_entries, paper_text
+    from ..files import case_blocks, paper_entries, paper_text
 
     check_json(json)
     if show is not None:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, silent
+from ..basics.resources import Show, silent
 from ..basics.storage import write_whole
-from ..basics.units import with_unit
+from ..basics.text import with_unit
 from ..basics.validation import InputError, file_path, instance, integer, positive
 from ..measures.comparison import contact_name
 from ..model.system import System

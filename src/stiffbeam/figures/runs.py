@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.text import several
-from ..basics.units import Units, with_unit
+from ..basics.text import Units, several, with_unit
 from ..measures.comparison import Comparison, contact_name
 from ..measures.report import largest, verdict
 from ..model.contact import Stops

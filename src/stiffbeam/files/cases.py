@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..basics.storage import regular_text
-from ..basics.text import several
-from ..basics.units import Units
+from ..basics.text import Units, several
 from ..basics.validation import InputError, exact_float, file_path, instance, integer, one_of, positive, step_count
 from ..model.contact import Stops
 from ..model.members import varied_members
@@ -22,7 +21,7 @@ from ..model.semidiscretisation import FORMS, semidiscretise
 from ..model.system import System
 from ..schemes import RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
-from .paper import paper_text
+from . import paper_text
 from .reader import Line, Reader, located
 
 

@@ -17,8 +17,8 @@ from cattrs.gen import make_dict_structure_fn, make_mapping_structure_fn
 
 from ..basics.arrays import Array
 from ..basics.storage import LARGEST
-from ..basics.units import SI, Units, units_labels
-from ..basics.validation import InputError, exact_float, near, numbers
+from ..basics.text import SI, Units
+from ..basics.validation import InputError, exact_float, near, numbers, units_labels
 from ..model.contact import Contact, Stops
 from ..model.modes import modal_damping
 from ..model.problem import DistributedLoad, Load, PointLoad, PolynomialProfile, Profile

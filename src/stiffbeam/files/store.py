@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from ..basics import storage
 from ..basics.arrays import Array
-from ..basics.progress import TALK, Show
+from ..basics.resources import TALK, Show
 from ..basics.storage import content_hash, read_netcdf, write_netcdf
 from ..basics.text import printable
 from ..basics.validation import InputError, file_path, numbers, positive

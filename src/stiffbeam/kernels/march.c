@@ -12,6 +12,7 @@
 #define OVERFLOWN 1e100 /* a position beyond ends the run; its square, in an energy, is still a number */
 #define ON        1e-14 /* of a position: so near a stop a node is on it */
 #define DENSE     8     /* velocities at outputs further apart than so many steps are computed one by one */
+#define ON_STOP   1e-13 /* of the terms of a predicted position: so near a stop it is on it */
 
 /* A run on its way, and memory. */
 typedef struct {
@@ -141,7 +142,7 @@ static double speed(const Motion *s, Int block, Int k, Int c)
     const Run *run = s->run;
     Int K = s->b->K, row = c * K + k, length = s->base + (s->touched[block % 2] ? (k + 1) * s->b->nodes / K : 0);
     double v = dot(run->effects + row * run->W, x_of(s, block), length);
-    return run->inflows ? v + run->inflow_velocity[block * s->b->C * K + row] : v;
+    return run->inflow ? v + run->inflow_velocity[block * s->b->C * K + row] : v;
 }
 
 /* Its velocities at the ends of all steps of a block, in s->v. */
@@ -153,7 +154,7 @@ static const double *speeds(const Motion *s, Int block, Int c)
         Int length = s->base + (s->touched[block % 2] ? (k + 8) * s->b->nodes / K : 0);
         dots(run->effects + (row + k) * run->W, run->W, x_of(s, block), length, s->v + k);
     }
-    for (Int j = 0; run->inflows && j < k; j++) s->v[j] += run->inflow_velocity[block * s->b->C * K + row + j];
+    for (Int j = 0; run->inflow && j < k; j++) s->v[j] += run->inflow_velocity[block * s->b->C * K + row + j];
     for (; k < K; k++) s->v[k] = speed(s, block, k, c);
     return s->v;
 }
@@ -294,12 +295,12 @@ static int pass_block(Motion *s, Int block)
     /* Without contact forces: positions at all nodes, and the state at the end. */
     memcpy(x, z, (size_t)D * sizeof *x);
     drive_at(drive, (double)at * run->dt, g);
-    if (run->inflows)
+    if (run->inflow)
         memcpy(out, run->inflow + block * wide, (size_t)R * sizeof *out);
     else
         memset(out, 0, (size_t)R * sizeof *out);
     turn(b->transition, b->a, b->n, D, z, out + R);
-    for (Int j = R; run->inflows && j < wide; j++) out[j] += run->inflow[block * wide + j];
+    for (Int j = R; run->inflow && j < wide; j++) out[j] += run->inflow[block * wide + j];
     add_rows(out, R, z, b->reading, R, D);
     Int still = g[0] == 0.0;
     add_rows(out, wide, g + still, drive->rows + still * wide, wide, d - still);
@@ -392,4 +393,73 @@ API void states(Int a, Int n, Int F, Int steps, Int K, const double *transition,
         memcpy(out + (k + 1) * n, new, (size_t)n * sizeof *out);
         memcpy(out + (steps + k + 2) * n, new + n, (size_t)n * sizeof *out);
     }
+}
+
+/* ------------------------------------------------------------------ rigid stops: the reactions node by node */
+
+/* The position that node kinds WHERE_PREDICTED ask; what rounding takes from it does not open a resting contact. */
+static double predicted_position(const Rigid *s, Int k, Int c)
+{
+    double total = s->predicted[k * s->m + c], size = fabs(total);
+    for (Int d = 0; d < s->D; d++) {
+        double term = s->predicting[c * s->D + d] * s->z[d];
+        total += term, size += fabs(term);
+    }
+    for (Int side = 0; side < 2; side++) {
+        double stop = s->stops[2 * c + side], off = fabs(total - stop);
+        if (off < INFINITY && off <= ON_STOP * (size + fabs(stop))) total = stop;
+    }
+    return total;
+}
+
+API Int rigid_steps(const Rigid *s)
+{
+    Int m = s->m, S = s->S, D = s->D, n = s->n;
+    Node x = {0};
+    void *memory;
+    /* Arguments of the nodes, predicted positions, reactions of the last node on a position; then laws of 6 numbers. */
+    double *r = aligned((S + 8) * m + node_memory(&x, m, NULL), &memory), *before = r + S * m, *closed = before + m;
+    if (!r) return NO_MEMORY;
+    Law *law = (Law *)(closed + m);
+    node_memory(&x, m, (double *)(law + m));
+    for (Int k = 0; k < s->K; k++) {
+        double *new = s->path + k * D;
+        for (Int i = 0; i < S * m; i++) r[i] = s->shifts[k * S * m + i] + dot(s->reading + i * D, s->z, D);
+        for (Int c = 0; c < m; c++) before[c] = predicted_position(s, k, c);
+        memcpy(new, s->driven + k * D, (size_t)D * sizeof *new);
+        for (Int i = 0; i < s->a; i++)
+            for (Int e = 0; e < s->a; e++)
+                for (Int j = 0; j < n; j++) new[i * n + j] += s->blocks[(i * s->a + e) * n + j] * s->z[e * n + j];
+        for (Int i = 0; !s->a && i < D; i++) new[i] += dot(s->matrix + i * D, s->z, D);
+        /* Node by node. One on the velocity may press only if its contact is closed. */
+        for (Int node = 0; node < S; node++) {
+            const double *own = s->compliance + (node * S + node) * m * m;
+            double *reaction = s->reactions + (k * S + node) * m;
+            int touched = 0;
+            for (Int c = 0; c < m; c++) {
+                double lower = s->bounds[2 * (node * m + c)], upper = s->bounds[2 * (node * m + c) + 1];
+                if (s->kinds[node] == WHERE_PREDICTED) {
+                    if (!(before[c] <= s->stops[2 * c])) lower = -INFINITY;
+                    if (!(before[c] >= s->stops[2 * c + 1])) upper = INFINITY;
+                } else if (s->kinds[node] == WHERE_CLOSED) {
+                    if (!(closed[c] > 0.0)) lower = -INFINITY;
+                    if (!(closed[c] < 0.0)) upper = INFINITY;
+                }
+                law[c] = (Law){.kappa = INFINITY, .g1 = lower, .g2 = upper};
+                touched |= r[node * m + c] < lower || r[node * m + c] > upper;
+                reaction[c] = 0.0;
+            }
+            if (touched) {
+                solve_springs(r + node * m, own, m, law, m, &x);
+                memcpy(reaction, x.F, (size_t)m * sizeof *reaction);
+                add_rows(new, D, x.F, s->responses + node * m * D, D, m);
+                for (Int later = node + 1; later < S; later++)
+                    add_rows(r + later * m, m, x.F, s->compliance + (node * S + later) * m * m, m, m);
+            }
+            if (s->kinds[node] == AT_A_STOP) memcpy(closed, reaction, (size_t)m * sizeof *closed);
+        }
+        memcpy(s->z, new, (size_t)D * sizeof *new);
+    }
+    free(memory);
+    return DONE;
 }

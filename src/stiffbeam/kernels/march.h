@@ -42,12 +42,11 @@ typedef struct {
 typedef struct {
     Int m, W, first, steps;   /* contacts, numbers of x, range of steps */
     Int every, outputs, room; /* an output every so many steps; rows of outputs, 0 for none; rows of events */
-    Int inflows;              /* blocks with sampled loads or offsets, 0 for none */
     double dt;
     const Law *law;                /* (m,) */
     const double *effects;         /* (C, K, W) of a block's x, see march.c, on the channels' velocities at the ends of steps */
-    const double *inflow;          /* (B, R + D) share of sampled loads and offsets in every block */
-    const double *inflow_velocity; /* (B, C, K) */
+    const double *inflow;          /* (B, R + D) share of sampled loads and offsets in every block, or NULL */
+    const double *inflow_velocity; /* (B, C, K) or NULL */
     double *z;                     /* (D + (a - 1) n,) */
     double *position, *velocity;   /* (C,) at the last step */
     double *tally;                 /* (m, TALLY) */

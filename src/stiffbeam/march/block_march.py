@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from ..basics.arrays import Array, aligned, copied
 from ..basics.resources import afford
 from ..kernels import march as kernel
-from ..kernels.march import EVENT, LINEAR, Forcing, Kept, Progress, Span
+from ..kernels.march import EVENT, LINEAR
 from ..kernels.march import states as single_steps
 from ..model.contact import all_laws, laws
 from ..model.contact import jumps as force_jumps
@@ -23,7 +22,7 @@ from ..trajectory.recorder import CONTACT, end_tallies, forces_at, overflow, rec
 from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import SolverFailure
 from .probe import Coordinates, StepMap, independent
-from .propagator import Propagator, by_diagonals
+from .propagator import Forcing, Propagator, by_diagonals
 from .treatment import Treatment, require_giving_way, require_moved
 
 STEPS_PER_CALL = 1 << 16  # between which Python sees an interruption
@@ -60,14 +59,14 @@ class Stepper:
     computed once.
 
     The propagators of the starter and of the blocks contain the linear part only. Members may differ in initial data,
-    in their stops and in the frequencies and amplitudes of their harmonic loads. rule: how nodes find their forces, see
-    Block.
+    in their stops and in the frequencies and amplitudes of their harmonic loads. rule: how nodes find their forces.
     """
 
     def __init__(
         self, coordinates: Coordinates, scheme: Scheme, dt: float, treatment: Treatment, length: int, rule: int
     ) -> None:
         self.coordinates, self.scheme, self.dt, self.treatment, self.rule = coordinates, scheme, dt, treatment, rule
+        self.system = coordinates.system
         self.kind = "dense blocks" if coordinates.basis is None else "modal blocks"  # in ``provenance["march"]``
         given, starter = (coordinates, dt), scheme.starter
         # The starter hands over whole states, so that none of its components is left out.
@@ -75,14 +74,9 @@ class Stepper:
         self.block = Propagator(scheme, *given, length, treatment, rule)
         # A force that depends on velocity is unique only where these hold.
         for each in (self.starter, self.block):
-            if each is not None and len(each.block.rates):
+            if each is not None and len(each.entries.rates):
                 require_giving_way(each.one.scheme, *each.compliances)
         self.own_launch = self.launch(self.system, 0)
-
-    @property
-    def system(self) -> System:
-        """The system whose matrices are used."""
-        return self.coordinates.system
 
     @cached_property
     def single(self) -> StepMap:
@@ -110,45 +104,80 @@ class Stepper:
         coordinates, m = self.coordinates, len(member.contacts)
         last = coordinates.start(member.q0, member.v0) if modal else (member.q0, member.v0)
         node = np.full((1, m), np.nan)  # the forces of the last node
-        for segment in March(self, member, steps, None).advance(replayed=True):
-            y, forces = segment.motion(segment.block.one if segment.block is self.starter else self.single, member)
+        for propagator, first, count, starts, known in March(self, member, steps, None).advance(replayed=True):
+            y, forces = self._single_steps(member, propagator, first, count, starts, known)
             if modal:
                 (q, v), y[:, 0] = y, last
             else:  # by products of as many rows as there are steps, whose bits do not depend on the threads
                 q, v = (np.concatenate([x[None], z]) for x, z in zip(last, coordinates.states(y[:, 1:]), strict=True))
             forces = np.concatenate([node, forces])
-            yield (segment.first + np.arange(len(q))) * self.dt, q, v, forces
+            yield (first + np.arange(len(q))) * self.dt, q, v, forces
             last, node = (q[-1].copy(), v[-1].copy()), forces[-1:]
 
-    def launch(self, member: System, since: int) -> tuple[Progress, Array, Array]:
-        """A member at t = 0, with contacts recorded after step ``since``; rows of the contacts that are there, and y in
-        the coordinates. A march copies what it changes."""
+    def _single_steps(
+        self, member: System, propagator: Propagator, first: int, steps: int, starts: Array, forces: Array
+    ) -> tuple[Array, Array]:
+        """y (2, 1 + steps, N) at the ends of the steps from step ``first``, behind a row for what is before, and the
+        forces (steps, m) that nodes found there, NaN where no node is.
+
+        starts: (B, D + ...), the states at the start of each block; forces: (B, N), those in it.
+        """
+        one, (B, _), K = propagator.one if propagator is self.starter else self.single, starts.shape, propagator.steps
+        S, m, n, N = len(one.readers.nodes), len(member.contacts), one.coordinates.parts, one.coordinates.rows.shape[1]
+        at_nodes = forces[:, : propagator.nodes].reshape(B * K, S, m)
+        # What acts, in the order of a StepMap: the contacts, then the loads, each of them node by node.
+        acting = np.zeros((B * K, (m + len(member.loads)) * S))
+        acting[:, : m * S] = at_nodes.swapaxes(1, 2).reshape(B * K, m * S)
+        times = ((first + np.arange(steps))[:, None] + np.array(one.readers.nodes)) * one.dt
+        for i, (_, function) in enumerate(member.loads, start=m):
+            acting[:steps, i * S : (i + 1) * S] = evaluate(function, times)
+        z, push = propagator.unpack(starts).swapaxes(0, 1).reshape(B, -1), one.push.transpose(2, 1, 0)
+        if n > 1:
+            y = single_steps(by_diagonals(one.transition), push.reshape(-1, n * len(one.keep)), acting[:steps], z, K)
+        else:  # one matrix for all unknowns: the blocks side by side
+            path = (acting @ push[..., 0]).reshape(B, K, -1)
+            for k in range(K):
+                path[:, k] += z @ one.transition[0].T
+                z = path[:, k]
+            y = np.pad(path.reshape(B * K, -1, N)[:steps, :2].swapaxes(0, 1), ((0, 0), (1, 0), (0, 0)))
+        # Where no node lies at the end of a step the force there follows from the state.
+        between = m and propagator.entries.end_first[0] >= len(propagator.push)
+        return y, np.full((steps, m), np.nan) if between else at_nodes[:steps, -1]
+
+    def launch(self, member: System, since: int) -> tuple[dict[str, Array], Array]:
+        """Arrays of a Run of a member at t = 0, with contacts recorded after step ``since``, among the events those
+        that are there; and y in the coordinates. A march copies what it changes."""
         law, (u, v) = laws(member.contacts), member.motions(0.0, member.q0, member.v0)
         tally, events = start_tallies(u, v, law, self.dt, self.treatment.means, since)
+        begun = {"law": law, "position": u, "velocity": v, "tally": tally, "events": events}
         start = self.coordinates.start(member.q0, member.v0)
-        begun = Progress(law, np.zeros(0), u, v, tally, np.zeros(1, np.int64))
-        begun = begun._replace(z=self.packed(self.starter or self.block, member, 0.0, [start], begun))
+        begun["z"] = self.packed(self.starter or self.block, member, 0.0, [start], begun)
         # Where a force jumps at its stop, every node must yield to it.
         for each in (self.starter, self.block) if jumping(law) else ():
             if each is not None:
                 require_moved(each.one.scheme, each.compliances[0])
-        return begun, events, start
+        return begun, start
 
-    def packed(self, propagator: Propagator, member: System, t: float, history: list[Array], now: Progress) -> Array:
+    def packed(
+        self, propagator: Propagator, member: System, t: float, history: list[Array], now: dict[str, Array]
+    ) -> Array:
         """The state of the propagator's scheme at time t from the past y, newest first, packed."""
         force = self.coordinates.load(member, t)
         # Of a treatment with means over a step no force is there at a time.
         if not self.treatment.means:
-            force = force + forces_at(now.position, now.velocity, now.law) @ self.coordinates.columns
+            force = force + forces_at(now["position"], now["velocity"], now["law"]) @ self.coordinates.columns
         return propagator.pack(propagator.one.scheme.initial(self.coordinates.equation, history, force))
+
+
+# A propagator, the first of the steps, their number, and where wanted the state (B, D + ...) at the start of each block
+# and the forces (B, N) in it.
+Segment = tuple[Propagator, int, int, Array, Array]
 
 
 class March:
     """A run in progress, of the stepper's system or of another member.
 
-    every: outputs kept, None for none. positions, velocities: (outputs, C). node_forces: (outputs, m), see Kept; no
-    outputs where no force jumps. t: (outputs,), and forces, (outputs, m) of linear stops. events: (rows, 6), see
-    recorder; of each contact in order of time.
+    every: outputs kept, None for none. arrays: those of a Run that last from segment to segment, see march.h.
     """
 
     def __init__(self, stepper: Stepper, system: System, steps: int, every: int | None, since: int = 0) -> None:
@@ -156,22 +185,24 @@ class March:
         own, m = system is stepper.system, len(system.contacts)
         # Equal loads and offsets: the response to the drive is computed once for all members.
         self._alike = own or functions(system) == functions(stepper.system)
-        launched = stepper.own_launch if own and not since else stepper.launch(system, since)
-        (law, z, u, v, tally, _), begun, self._start = launched
-        z, u, v, tally = map(copied, (z, u, v, tally))
-        self.state = Progress(law, z, u, v, tally, np.zeros(1, np.int64))
-        kept = 0 if every is None else steps // every + 1
-        self.t, (self.positions, self.velocities) = np.empty(kept), np.empty((2, kept, len(u)))
+        begun, self._start = stepper.own_launch if own and not since else stepper.launch(system, since)
+        law, rows = begun["law"], begun["events"]
+        self.arrays = begun | {name: copied(begun[name]) for name in ("z", "position", "velocity", "tally")}
+        u, v, kept = begun["position"], begun["velocity"], 0 if every is None else steps // every + 1
+        times, (positions, velocities) = np.empty(kept), np.empty((2, kept, len(u)))
         # Where a force jumps at its stop, the state at the end of a step does not determine it: the nodes' is kept.
-        self.node_forces = np.full((kept if jumping(law) else 0, m), np.nan)
-        self.forces = np.empty((kept if stepper.rule == LINEAR else 0, m))
+        node_forces = np.full((kept if jumping(law) else 0, m), np.nan)
+        contact_forces = np.empty((kept if stepper.rule == LINEAR else 0, m))
         if kept:
-            self.positions[0], self.velocities[0], self.t[0] = u, v, 0.0
-        if len(self.forces):
-            self.forces[0] = forces_at(u, v, law)
-        # Room for 64 to 1088 impacts; ``_segment`` lengthens the list when it is full.
-        self._rows = len(begun)
-        self.events = np.concatenate([begun, np.empty((64 + min(1024, steps // 16), EVENT))])
+            positions[0], velocities[0], times[0] = u, v, 0.0
+        if len(contact_forces):
+            contact_forces[0] = forces_at(u, v, law)
+        self.arrays |= {
+            "times": times, "positions": positions, "velocities": velocities, "node_forces": node_forces,
+            "contact_forces": contact_forces, "diverged": np.zeros(1, np.int64), "cursor": np.array([0, len(rows)]),
+            # Room for 64 to 1088 impacts; ``_segment`` lengthens the list when it is full.
+            "events": np.concatenate([rows, np.empty((64 + min(1024, steps // 16), EVENT))]),
+        }  # fmt: skip
 
     def advance(self, replayed: bool = False) -> Iterator[Segment]:
         """March to the end by the segments that are yielded; ``replayed``: with what computes them again."""
@@ -182,18 +213,18 @@ class March:
             one, forcing = stepper.starter, self.forcing(stepper.starter)
             for _ in range(min(self.steps, scheme.history - 1)):
                 yield self._segment(one, forcing, 1, replayed)
-                history.insert(0, one.unpack(self.state.z)[:2])
+                history.insert(0, one.unpack(self.arrays["z"])[:2])
         if self.done < self.steps:
             block = stepper.block
             # The scheme's state follows from that history.
             if self.done:
-                z = stepper.packed(block, self.system, self.done * stepper.dt, history, self.state)
-                self.state = self.state._replace(z=z)
+                t = self.done * stepper.dt
+                self.arrays["z"] = stepper.packed(block, self.system, t, history, self.arrays)
             forcing = self.forcing(block)
             # States, or sampled loads, of a whole segment are held in memory.
             most = STEPS_PER_CALL
             if replayed or not block.harmonic:
-                most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // len(self.state.z))
+                most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // len(self.arrays["z"]))
             most = max(1, most // block.steps) * block.steps
             while self.done < self.steps:
                 yield self._segment(block, forcing, min(most, self.steps - self.done), replayed)
@@ -205,80 +236,41 @@ class March:
     def _segment(self, block: Propagator, forcing: Forcing, steps: int, replayed: bool) -> Segment:
         first, dt, K = self.done, self.stepper.dt, block.steps
         starts_at = (first + K * np.arange(-(-steps // K))) * dt
-        inflow = block.inflow(starts_at, self.steps * dt)
-        rows, zeros = (len(starts_at), aligned) if replayed else (0, np.empty)
-        starts, forces = zeros((rows, len(self.state.z))), zeros((rows, len(block.block.push)))
-        outputs, cursor = (self.t, self.positions, self.velocities), np.array([0, self._rows])
-        kept = Kept(*outputs, self.node_forces, self.forces, starts, forces, self.events, cursor)
-        span = Span(first, steps, self.every or 1, dt)
+        rows = len(starts_at) if replayed else 0
+        starts, forces = aligned((rows, len(self.arrays["z"]))), aligned((rows, len(block.push)))
+        others = {"effects": forcing.effects, "starts": starts, "forces": forces}
+        others |= block.inflow(starts_at, self.steps * dt)
         # Where the list of impacts is full, the kernel returns False and goes on from ``cursor`` at the next call.
-        while not kernel.run(block.block, forcing, inflow, self.state, kept, span):
+        while not kernel.run(block.c, forcing.c, self.arrays | others, first, steps, self.every or 1, dt):
             # Doubling keeps the number of copies small.
-            longer = max(2 * len(self.events), cursor[1] + 2 * K * max(1, len(self.system.contacts)))
-            self.events = np.concatenate([self.events, np.empty((longer - len(self.events), EVENT))])
-            kept = kept._replace(events=self.events)
-        self._rows = int(cursor[1])
+            events, used = self.arrays["events"], int(self.arrays["cursor"][1])
+            longer = max(2 * len(events), used + 2 * K * max(1, len(self.system.contacts)))
+            self.arrays["events"] = np.concatenate([events, np.empty((longer - len(events), EVENT))])
         self.done += steps
-        return Segment(block, first, steps, starts, forces)
+        return block, first, steps, starts, forces
 
     def fields(self) -> dict[str, Any]:
         """Fields of the Trajectory, at the end: outputs, contacts, and when it overflowed."""
-        tip, dt, diverged = self.stepper.system.tip_channel, self.stepper.dt, int(self.state.diverged[0])
+        kept, tip, dt, contacts = self.arrays, self.stepper.system.tip_channel, self.stepper.dt, []
+        diverged = int(kept["diverged"][0])
         # A negative step: the search for the forces of several contacts failed there.
         if diverged < 0:
             reason, remedy = "the forces of several contacts at once were not found", "use a smaller dt, or cvode"
             raise SolverFailure(str(self.stepper.scheme), -diverged * dt, reason, remedy)
-        u, v = (np.ascontiguousarray(x[:, tip]) for x in (self.positions, self.velocities))  # of one contact views
-        tally, rows, contacts = self.state.tally, self.events[: self._rows], []
+        positions, velocities, tally, law = (kept[name] for name in ("positions", "velocities", "tally", "law"))
         # Include the forces at start and end.
         if not self.stepper.treatment.means:
-            tally = end_tallies(tally, self.state.law, dt, (self.state.position, self.state.velocity))
+            tally = end_tallies(tally, law, dt, (kept["position"], kept["velocity"]))
+        rows = kept["events"][: kept["cursor"][1]]
         for c, contact in enumerate(self.system.contacts):
             # The kernel wrote the rows of one contact in order of time.
             events = rows[rows[:, CONTACT] == c] if len(tally) > 1 else rows
-            node_forces, forces = (x[:, c] if len(x) else None for x in (self.node_forces, self.forces))
-            motion = self.positions[:, c], self.velocities[:, c]
+            node_forces, forces = (x[:, c] if len(x) else None for x in (kept["node_forces"], kept["contact_forces"]))
+            motion = positions[:, c], velocities[:, c]
             contacts.append(record(contact.stops, *motion, tally[c], events, self.steps, node_forces, forces))
+        u, v = (np.ascontiguousarray(x[:, tip]) for x in (positions, velocities))  # of one contact views
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
-        return {"t": self.t, "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
-
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """Consecutive steps of a march, with the data to compute them again."""
-
-    block: Propagator
-    first: int
-    steps: int
-    starts: Array  # (B, D): the state at the start of each block, where these are kept
-    forces: Array  # (B, N)
-
-    def motion(self, one: StepMap, system: System) -> tuple[Array, Array]:
-        """y (2, 1 + steps, N) at the ends of the steps, behind a row for what is before, and the forces (steps, m) that
-        nodes found there, NaN where no node is; ``one``: the scheme's single step."""
-        block, steps, (B, _), K = self.block, self.steps, self.starts.shape, self.block.steps
-        S, m, n, N = len(one.readers.nodes), len(system.contacts), one.coordinates.parts, one.coordinates.rows.shape[1]
-        at_nodes = self.forces[:, : block.block.nodes].reshape(B * K, S, m)
-        # What acts, in the order of a StepMap: the contacts, then the loads, each of them node by node.
-        acting = np.zeros((B * K, (m + len(system.loads)) * S))
-        acting[:, : m * S] = at_nodes.swapaxes(1, 2).reshape(B * K, m * S)
-        times = ((self.first + np.arange(steps))[:, None] + np.array(one.readers.nodes)) * one.dt
-        for i, (_, function) in enumerate(system.loads, start=m):
-            acting[:steps, i * S : (i + 1) * S] = evaluate(function, times)
-        starts, push = block.unpack(self.starts).swapaxes(0, 1).reshape(B, -1), one.push.transpose(2, 1, 0)
-        if n > 1:
-            y = single_steps(
-                by_diagonals(one.transition), push.reshape(-1, n * len(one.keep)), acting[:steps], starts, K
-            )
-        else:  # one matrix for all unknowns: the blocks side by side
-            path, z = (acting @ push[..., 0]).reshape(B, K, -1), starts
-            for k in range(K):
-                path[:, k] += z @ one.transition[0].T
-                z = path[:, k]
-            y = np.pad(path.reshape(B * K, -1, N)[:steps, :2].swapaxes(0, 1), ((0, 0), (1, 0), (0, 0)))
-        # Where no node lies at the end of a step the force there follows from the state.
-        between = m and block.block.end_first[0] >= len(block.block.push)
-        return y, np.full((steps, m), np.nan) if between else at_nodes[:steps, -1]
+        return {"t": kept["times"], "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
 
 
 def jumping(law: Array) -> bool:

@@ -74,14 +74,13 @@ class Readers:
     """
 
     def __init__(self, nodes: tuple[float, ...], contacts: int, channels: int, rated: bool) -> None:
-        self.nodes, self.contacts, self.channels = nodes, contacts, channels
+        self.nodes, self.contacts, self.channels, self.rated = nodes, contacts, channels, rated
         S, m, C = len(nodes), contacts, channels
         first = np.cumsum([0, S * m, C, C, S * m if rated else 0]).tolist()
         self.at_nodes, self.at_ends, self.end_rates, self.node_rates = (slice(*x) for x in pairwise(first))
-        self.size = g = first[-1]
         # Positions at the nodes, positions at the end, velocities there, velocities at the nodes.
         which, ends, of_nodes = np.repeat(np.arange(S), m), np.arange(C), np.tile(np.arange(m), S)
-        self.channel = np.concatenate([of_nodes, ends, ends, of_nodes])[:g]
+        g, self.channel = first[-1], np.concatenate([of_nodes, ends, ends, of_nodes])[: first[-1]]
         self.when = np.concatenate([np.repeat(nodes, m), np.ones(2 * C), np.repeat(nodes, m)])[:g]
         self.is_rate = np.arange(g) >= first[2]
         self.field = np.concatenate([which, 0 * ends + S, 0 * ends + S + 1, S + 2 + which])[:g]

@@ -8,11 +8,12 @@ part is one small matrix per mode, else one large one. The march then costs one 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.arrays import Array, aligned, copied, padded
-from ..kernels.march import BY_LAW, MEAN, Block, Forcing, Inflow
+from ..kernels.march import BLOCK, BY_LAW, DRIVE, MEAN
 from ..model.system import System
 from ..model.time_functions import Drive, Term, evaluate, offset_rate
 from ..schemes import Scheme
@@ -24,38 +25,30 @@ class Entries:
     """The contacts at every node of so many steps, padded to eight, then the channels at the ends of steps that are no
     node, then where they are read the contacts' velocities at every node.
 
-    nodes: N, a multiple of eight. end_first, end_stride: (C,), rates: (N,), see Block. place: (entries,), the step
-    times g plus the reading that stands there, -1 for padding.
+    nodes: N, a multiple of eight. end_first, end_stride: (C,), rates: (N,), see march.h. size: R, of all.
     """
 
     def __init__(self, readers: Readers, steps: int, ends_at_last_node: bool) -> None:
         S, m, C = len(readers.nodes), readers.contacts, readers.channels
         # Where the last node is the end of the step, the positions of the contacts there are entries of nodes already.
-        at_ends = C - m if ends_at_last_node else C
-        count = steps * S * m
+        self.readers, self.skipped = readers, m if ends_at_last_node else 0
+        at_ends, count = C - self.skipped, steps * S * m
         self.nodes = N = padded(count, least=0)
-        reading = np.arange(steps * readers.size).reshape(steps, -1)
-        ends = reading[:, readers.at_ends][:, C - at_ends :]
-        of_rates = reading[:, readers.node_rates].ravel()
-        place = [reading[:, readers.at_nodes].ravel(), np.full(N - count, -1), ends.ravel(), of_rates]
-        self.place = np.concatenate(place)
         # For every channel the entry at the end of the first step, and the distance to that of the next.
-        self.end_first, self.end_stride = N + np.arange(C), np.full(C, at_ends)
+        self.end_first, self.end_stride = N + np.arange(C) - self.skipped, np.full(C, at_ends)
         if ends_at_last_node:
             self.end_first[:m], self.end_stride[:m] = (S - 1) * m + np.arange(m), S * m
-            self.end_first[m:] = N + np.arange(at_ends)
-        rates = N + ends.size + np.arange(count)
-        self.rates = np.pad(rates, (0, N - count)) if len(of_rates) else of_rates
+        rates = N + steps * at_ends + np.arange(count if readers.rated else 0)
+        self.size = N + steps * at_ends + len(rates)
+        self.rates = np.pad(rates, (0, N - count)) if len(rates) else rates
 
-    def of_readings(self, x: Array, width: int) -> Array:
-        """(..., K, g) -> (..., width), zero where no reading stands."""
-        *batch, K, g = x.shape
-        # One zero more than readings: the place -1 of the padding leads to it.
-        flat = np.zeros((*batch, K * g + 1), x.dtype)
-        flat[..., :-1] = x.reshape(*batch, K * g)
-        rows = np.zeros((*batch, width), x.dtype)
-        rows[..., : len(self.place)] = flat[..., self.place]
-        return rows
+    def of_readings(self, x: Array) -> Array:
+        """(..., K, g) -> (..., R), zero between the nodes and the ends."""
+        r, (*batch, K, _) = self.readers, x.shape
+        at_ends = slice(r.at_ends.start + self.skipped, r.at_ends.stop)
+        parts = (x[..., at] for at in (r.at_nodes, at_ends, r.node_rates))
+        nodes, ends, rates = (part.reshape(*batch, K * part.shape[-1]) for part in parts)
+        return np.concatenate([nodes, np.zeros((*batch, self.nodes - nodes.shape[-1])), ends, rates], axis=-1)
 
 
 def powers_of(one: StepMap, steps: int, turn: bool) -> list[Array]:
@@ -92,6 +85,16 @@ def repeated(start: Array, levels: list[Array], steps: int) -> Array:
     return made
 
 
+class Forcing(NamedTuple):
+    """Response of a block to the drive of harmonic and constant loads and offsets. effects: see march.h; c: the drive
+    for C, which holds as long as its arrays do."""
+
+    frequencies: Array
+    rows: Array
+    effects: Array
+    c: Any
+
+
 class Propagator:
     """K steps from the state z (a, N), packed as D numbers, with the entries w (R,), see ``Entries``:
 
@@ -99,11 +102,12 @@ class Propagator:
         F_i = F(w_i),  then  (w, z_new) += push_i F_i      for the nodes in order,
 
     where w_i = r + s F_i is solved in closed form with the compliance s (0 where the contact is extrapolated and w_i is
-    the predictor); for other laws than the linear one see node.c. ``block`` is the same for every load, ``forcing``
-    gives the rows of harmonic and constant loads, with g(t) at the block's start, ``inflow`` the share of others.
+    the predictor); for other laws than the linear one see node.c. ``forcing`` gives the rows of harmonic and constant
+    loads, with g(t) at the block's start, ``inflow`` the share of others; all else is the same for every load.
 
-    rule: how a node finds its force, see Block; BY_LAW has the velocities at the nodes among the entries. reduced:
-    without the components of the state that only add to others, see ``independent``.
+    rule: how a node finds its force: LINEAR, BY_LAW, with the velocities at the nodes among the entries, or MEAN.
+    reduced: without the components of the state that only add to others, see ``independent``. c: for C the arrays of a
+    Block, see march.h.
     """
 
     def __init__(
@@ -115,21 +119,24 @@ class Propagator:
         self.entries = entries = Entries(one.readers, steps, one.ends_at_last_node)
         K, S, m, P = steps, len(scheme.nodes), len(coordinates.columns), one.push.shape[-1] // len(scheme.nodes)
         (n, g, k), C, levels = one.reading.shape, one.readers.channels, powers_of(one, steps, rule == MEAN)
-        R, D = len(entries.place), k * n
+        R, D = entries.size, k * n
+        self.used = D  # numbers of a state
         flat = repeated(one.reading, levels, K).transpose(1, 2, 3, 0).reshape(K, g, D)
         pushed, speeds = _of_forces(one, levels, entries, flat)
-        # Arrays on the state. The transition is stored by cyclic diagonals, see Block.
-        reading, transition = aligned((D, R)), aligned((k, D))
-        reading[:] = entries.of_readings(flat.transpose(2, 0, 1), R)
-        transition[:] = by_diagonals(levels[-1])  # K is a power of two
-        velocity = flat[:, one.readers.end_rates].swapaxes(0, 1)
+        # Arrays on the state. The transition is stored by cyclic diagonals.
+        self.reading = copied(entries.of_readings(flat.transpose(2, 0, 1)))
+        self.transition = copied(by_diagonals(levels[-1]))  # K is a power of two
         # Arrays on the contact forces, in the order of the nodes: step, node of the step, contact.
-        nodes, N = K * S * m, entries.nodes
-        push, velocity_push = aligned((N, R + D)), np.zeros((C, K, N))
-        push[:nodes] = pushed[:m].transpose(2, 1, 0, 3).reshape(nodes, R + D)
-        velocity_push[..., :nodes] = speeds[:m].transpose(4, 3, 2, 1, 0).reshape(C, K, nodes)
-        places = {"end_first": entries.end_first, "end_stride": entries.end_stride, "rates": entries.rates}
-        self.block = Block(reading, transition, push, velocity, velocity_push, nodes=nodes, rule=rule, **places)
+        self.nodes = nodes = K * S * m
+        self.push = aligned((entries.nodes, R + D))
+        self.push[:nodes] = pushed[:m].transpose(2, 1, 0, 3).reshape(nodes, R + D)
+        # Of a channel's velocities at the ends of steps: what the state and what the forces do.
+        self.velocity = flat[:, one.readers.end_rates].swapaxes(0, 1)  # (C, K, D)
+        self.velocity_push = speeds[:m].transpose(4, 3, 2, 1, 0).reshape(C, K, nodes)
+        self.c = BLOCK(
+            vars(self) | vars(entries), R=R, D=D, a=k, n=n, K=K, width=R + D, nodes=nodes, rule=rule,
+            rated=len(entries.rates) > 0,
+        )  # fmt: skip
         # Of unit loads, load by load and node by node: on entries and new state (L K S, R + D), on velocities.
         self.load_rows = pushed[m:].transpose(0, 2, 1, 3).reshape(-1, R + D)
         self.load_velocity = speeds[m:].transpose(0, 2, 1, 4, 3).reshape((P - m) * K * S, C, K)
@@ -137,14 +144,10 @@ class Propagator:
         drive = Drive.of(coordinates.system)
         self.loads, self.samples = P - m, drive.split(load_terms(coordinates.system), P - m)[1]
         self.offset_samples = drive.offsets(coordinates.system)[1]
-
-    @property
-    def used(self) -> int:
-        """D, the numbers of a state."""
-        return len(self.one.keep) * self.coordinates.rows.shape[1]
+        self.harmonic = not self.samples and not self.offset_samples  # then there is no inflow
 
     def pack(self, z: Array) -> Array:
-        """The scheme's state (a, N) -> (D + ...,), see Block."""
+        """The scheme's state (a, N) -> (D + ...,), see march.h."""
         # The state once more behind itself but for its last component, so that a shift by e n needs no wrapping.
         again = self.used - self.coordinates.parts
         packed = aligned((self.used + again,))
@@ -162,25 +165,19 @@ class Propagator:
     @property
     def compliances(self) -> tuple[Array, Array]:
         """(nodes, m, m) each: how the forces at a node move its contacts and their velocities."""
-        m, rates, nodes = len(self.coordinates.columns), self.block.rates, self.block.nodes
-        S = self.block.compliance(m).reshape(-1, m, m).swapaxes(1, 2)
-        of_rates = [self.block.push[np.ix_(here, rates[here])].T for here in np.arange(nodes).reshape(-1, m)]
-        return S, np.array(of_rates).reshape(S.shape)
+        nodes = np.arange(self.nodes).reshape(-1, len(self.coordinates.columns))
+        at = lambda entries: np.array([self.push[np.ix_(here, entries[here])].T for here in nodes])  # noqa: E731
+        return at(np.arange(self.nodes)), at(self.entries.rates)
 
-    @property
-    def harmonic(self) -> bool:
-        """Return True where every load and offset is in the drive, so that there is no inflow."""
-        return not self.samples and not self.offset_samples
-
-    def inflow(self, starts: Array, last: float) -> Inflow:
-        """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,).
+    def inflow(self, starts: Array, last: float) -> dict[str, Array]:
+        """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,), as arrays of a Run.
 
         No function is asked for times of steps that start after ``last``: a block may run past the end, its surplus
         steps are dropped.
         """
-        (D, R), K, B, readers, dt = self.block.reading.shape, self.steps, len(starts), self.one.readers, self.one.dt
         if self.harmonic:
-            return Inflow(np.zeros((0, R + D)), np.zeros((0, readers.channels, K)))
+            return {}
+        K, B, readers, dt = self.steps, len(starts), self.one.readers, self.one.dt
         begun = np.add.outer(starts, np.arange(K) * dt)[..., None]  # (B, K, 1)
         at_shares = lambda when: np.where(begun > last - 0.5 * dt, last, begun + when * dt)  # noqa: E731
         times, moved = at_shares(np.array(readers.nodes)).reshape(B, -1), None
@@ -194,15 +191,15 @@ class Propagator:
                 for rates, value in ((False, evaluate), (True, offset_rate)):
                     here = np.flatnonzero((readers.is_rate == rates) & (readers.channel == np.argmax(unit)))
                     moved[..., here] += value(function, times[..., here])  # type: ignore[arg-type]
-        return Inflow(*self._effect(values.reshape(B, -1), moved))
+        rows, velocity = self._effect(values.reshape(B, -1), moved)
+        return {"inflow": rows, "inflow_velocity": np.ascontiguousarray(velocity)}
 
     def _effect(self, loads: Array, moved: Array | None) -> tuple[Array, Array]:
         """Effect of loads (.., L K S) and of the motion of stops in the readings (.., K, g) on entries and new state
         (.., R + D) and on velocities (.., C, K). Stops move positions by offsets, velocities by the rates of these."""
         rows, velocity = loads @ self.load_rows, np.tensordot(loads, self.load_velocity, 1)
         if moved is not None:
-            R = self.block.reading.shape[1]
-            rows[..., :R] += self.entries.of_readings(moved, R)
+            rows[..., : self.entries.size] += self.entries.of_readings(moved)
             velocity += moved[..., self.one.readers.end_rates].swapaxes(-1, -2)
         return rows, velocity
 
@@ -225,7 +222,14 @@ class Propagator:
             moved = _ahead(drive, places + rates, begun + readers.when * dt)  # (d, K, g)
         rows, velocity = self._effect(values, moved)  # (d, R + D), (d, C, K)
         constant = float(np.any(rows[0]) or np.any(velocity[0]))
-        return Forcing(constant, np.array(drive.frequencies), copied(rows), velocity.transpose(1, 2, 0))
+        # Of what a block begins with, in a multiple of 8 numbers, and of its forces.
+        (C, K, D), d = self.velocity.shape, drive.size
+        effects = aligned((C, K, padded(D + d) + self.entries.nodes))
+        effects[..., :D], effects[..., D : D + d] = self.velocity, velocity.transpose(1, 2, 0)
+        effects[..., padded(D + d) :][..., : self.nodes] = self.velocity_push
+        frequencies, rows = np.array(drive.frequencies), copied(rows)
+        c = DRIVE({"frequencies": frequencies, "rows": rows}, constant=constant, d=d, width=rows.shape[1])
+        return Forcing(frequencies, rows, effects, c)
 
 
 def load_terms(system: System) -> list[Term]:
@@ -243,7 +247,7 @@ def _ahead(drive: Drive, basis: Array, times: Array) -> Array:
 
 
 def by_diagonals(transition: Array) -> Array:
-    """A transition (n, k, k) by its cyclic diagonals (k, k n), see Block."""
+    """A transition (n, k, k) by its cyclic diagonals (k, k n), see march.h."""
     component = np.arange(transition.shape[1])
     shifted = transition[:, component, (component + component[:, None]) % len(component)]
     return np.ascontiguousarray(shifted.transpose(1, 2, 0)).reshape(len(component), -1)
@@ -253,7 +257,7 @@ def _of_forces(one: StepMap, levels: list[Array], entries: Entries, flat: Array)
     """Effects of a unit force of every kind at every node of a block: on entries and new state (P, S, K, R + D), and on
     the channels' velocities (P, S, K, K, C). flat: the readings (K, g, D) of the state, step by step."""
     (K, g, D), S = flat.shape, len(one.readers.nodes)
-    R, P = len(entries.place), one.push.shape[-1] // S
+    P = one.push.shape[-1] // S
     # A force in step i acts as one in step 0, i steps later.
     of_force = np.zeros((K + 1, g, P * S))  # the last for steps before the force
     of_force[0] = one.at_once
@@ -265,4 +269,4 @@ def _of_forces(one: StepMap, levels: list[Array], entries: Entries, flat: Array)
     # A force in step j acts through the K - 1 - j steps that follow it in the block.
     pushes = repeated(one.push.swapaxes(1, 2), [level.swapaxes(1, 2) for level in levels], K)  # A^j push, transposed
     left = pushes[:, ::-1].transpose(2, 1, 3, 0).reshape(P, S, K, D)  # by step of the force
-    return np.concatenate([entries.of_readings(seen, R), left], axis=-1), seen[..., one.readers.end_rates]
+    return np.concatenate([entries.of_readings(seen), left], axis=-1), seen[..., one.readers.end_rates]

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, Linear, rigid_steps
+from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, rigid_steps
 from ..model.contact import Contact, Stops
 from ..model.modes import decoupled_modes
 from ..model.system import System
@@ -78,7 +78,7 @@ class RigidStepper:
             shifts = (values @ shifts_by_load).reshape(*nodes.shape, m) + self._offset_shifts(member, at, nodes)
             predicted = np.array([offset_values(c.offset, at + AHEAD * dt) for c in member.contacts])
             predicted = np.ascontiguousarray(predicted.reshape(m, count).T)
-            path, reactions = rigid_steps(linear, values @ pulses, shifts, predicted, z)
+            path, reactions = rigid_steps(linear, driven=values @ pulses, shifts=shifts, predicted=predicted, z=z)
             y = np.moveaxis(path.reshape(count, *shape)[:, :2], 1, 0).copy()
             # Each node counts by the momentum that its reaction brings in the end.
             ends = *coordinates.states(y), np.einsum("s,ksc->kc", self.weights, reactions)
@@ -86,9 +86,9 @@ class RigidStepper:
             yield t, q, v, means
             last = q[-1:], v[-1:], means[-1:]
 
-    def _linear(self, member: System) -> tuple[Linear, Array, Array]:
-        """The step as arrays, and what unit loads at nodes add to the state, (L S, D), and to the arguments,
-        (L S, S m). Raises InputError where a reaction does not move its own argument."""
+    def _linear(self, member: System) -> tuple[dict[str, Array], Array, Array]:
+        """The step as arrays of Rigid in march.h, and what unit loads at nodes add to the state, (L S, D), and to the
+        arguments, (L S, S m). Raises InputError where a reaction does not move its own argument."""
         step, kinds, stops = self.one, self.scheme.conditions, [contact.stops for contact in member.contacts]
         (parts, g, k), S, m = step.reading.shape, len(kinds), len(stops)
         D, basis = parts * k, self.coordinates.basis
@@ -113,19 +113,18 @@ class RigidStepper:
         codes = [CODES[kind] for kind in kinds]
         bounds = [(1.0 + x[:, None]) * ends if c == AT_A_STOP else np.where(np.isfinite(ends), 0.0, ends)
                   for c, x in zip(codes, old, strict=True)]  # fmt: skip
-        linear = Linear(
-            blocks=step.transition.transpose(1, 2, 0) if basis else np.zeros((0, 0, parts)),
-            matrix=np.zeros((0, 0)) if basis else step.transition[0],
-            reading=reading.transpose(1, 2, 0),
-            predicting=(ahead if basis else np.sum(ahead, axis=-1)).reshape(m, D),
-            responses=pushed[:m].transpose(1, 0, 2),
-            compliance=compliance,
-            kinds=np.array(codes),
-            bounds=np.array(bounds),
-            stops=ends,
-        )
+        linear = {
+            "reading": reading.transpose(1, 2, 0),
+            "predicting": (ahead if basis else np.sum(ahead, axis=-1)).reshape(m, D),
+            "responses": pushed[:m].transpose(1, 0, 2),
+            "compliance": compliance,
+            "kinds": np.array(codes),
+            "bounds": np.array(bounds),
+            "stops": ends,
+        } | ({"blocks": step.transition.transpose(1, 2, 0)} if basis else {"matrix": step.transition[0]})
         by_loads = moved[m * S :].reshape(len(moved) - m * S, S * m)
-        return Linear(*map(np.ascontiguousarray, linear)), pushed[m:].reshape(-1, D), by_loads
+        linear = {name: np.ascontiguousarray(x) for name, x in linear.items()}
+        return linear, pushed[m:].reshape(-1, D), by_loads
 
     def _require_giving_way(self, compliance: Array) -> None:
         # The complementarity problem of a node has exactly one solution if its compliance is positive definite, by its

@@ -12,9 +12,8 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.progress import working
-from ..basics.text import DRAW, plain
-from ..basics.units import Units
+from ..basics.resources import working
+from ..basics.text import DRAW, Units, plain
 from ..basics.validation import InputError
 from ..model.scales import scales
 from ..model.system import System

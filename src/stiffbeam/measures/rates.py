@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.progress import working
-from ..basics.units import with_unit
+from ..basics.resources import working
+from ..basics.text import with_unit
 from ..basics.validation import InputError, instance, numbers, sequence
 from ..model.contact import channel_motion
 from ..model.scales import scales

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..basics.text import several
-from ..basics.units import with_unit
+from ..basics.text import several, with_unit
 from ..references.registry import REFERENCES
 from ..schemes.labels import short_label
 from ..trajectory.trajectory import Reference, Trajectory

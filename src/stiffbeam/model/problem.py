@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.units import Units, units_labels
-from ..basics.validation import Frozen, InputError, instance, number, numbers, one_of, positive, sequence
+from ..basics.text import Units
+from ..basics.validation import Frozen, InputError, instance, number, numbers, one_of, positive, sequence, units_labels
 from .contact import Stops
 from .time_functions import LoadFunction, TimeFunction, derivative, time_function
 

@@ -15,9 +15,18 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, read_only, same
 from ..basics.resources import afford
-from ..basics.text import several
-from ..basics.units import Units, units_labels
-from ..basics.validation import Frozen, InputError, as_doubles, constants, exact_parts, instance, sequence, vector
+from ..basics.text import Units, several
+from ..basics.validation import (
+    Frozen,
+    InputError,
+    as_doubles,
+    constants,
+    exact_parts,
+    instance,
+    sequence,
+    units_labels,
+    vector,
+)
 from .beam import beam_field
 from .contact import Contact, Stops, channel_motion, channel_position
 from .problem import BeamProblem

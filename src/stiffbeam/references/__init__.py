@@ -8,8 +8,7 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ..basics.progress import Show, working
-from ..basics.resources import OutOfTime, clock, deadline
+from ..basics.resources import OutOfTime, Show, clock, deadline, working
 from ..basics.validation import InputError, numbers, positive
 from .registry import ADAPTIVE, BEST, EXACT, METHODS, MULTIPRECISION, REFERENCES, RTOL, Request, method_of
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, silent, working
+from ..basics.resources import Show, silent, working
 from ..basics.validation import InputError, Rng, generator, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .bathe import Bathe
-from .bdf2 import BDF2
+from .bdf import BDF2, Bathe
 from .conserving import ExponentialFlow, Theta, Trapezoidal
 from .misprints import PrintedSigma, PrintedStageMatrix, UnweightedHHT
 from .newmark import HHT, GeneralisedAlpha

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .scheme import Array, Equation, Scheme, Step, in_interval, oscillator
+from ..basics.validation import number
+from .scheme import Array, Equation, Scheme, Step, oscillator
 
 Advance = Callable[[Any, float, Array, Array, Array, Array], Array]
 
@@ -75,7 +76,7 @@ class Theta(Scheme):
     arguments = ("theta",)
 
     def __init__(self, theta: float = 0.5) -> None:
-        self.theta = in_interval("theta", theta, 0.5, 1.0)
+        self.theta = number("theta", theta, least=0.5, most=1.0)
         self.order = 2 if self.theta == 0.5 else 1
 
     def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
@@ -145,9 +146,7 @@ class ExponentialFlow(Scheme):
 
     look = (6, 7, 6)
 
-    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
-        """(y, f) with the force f given."""
-        return np.concatenate([history[0], force[None]])
+    initial = MeanReaction.initial
 
     @property
     def conserving(self) -> Scheme:

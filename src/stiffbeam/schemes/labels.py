@@ -50,27 +50,22 @@ def parse_run(text: str, default_form: str = "displacement") -> tuple[Scheme, st
     remedy = "for example HHT(alpha=-0.1)@displacement"
     if not isinstance(text, str) or len(text) > LONGEST_RUN:
         raise InputError("scheme", text, f"be a text of at most {LONGEST_RUN} letters", remedy)
-    # name or module:Class, arguments, semi-discrete form.
-    match = re.fullmatch(r"\s*([\w.]+:\w+|[\w-]+)\s*(?:\(([^()]*)\))?\s*(?:@\s*([\w-]+))?\s*", text)
+    # name or module:Class, arguments in brackets, semi-discrete form.
+    match = re.fullmatch(r"\s*([\w.]+:\w+|[\w-]+)\s*(\([^()]*\))?\s*(?:@\s*([\w-]+))?\s*", text)
     if not match:
         if re.search(r"\.(csv|txt|nc|mat|json)$", text):
             remedy = "the columns of a file are compared in Python, by sb.compare([t, tip], reference)"
         raise InputError("scheme", text, "read name(parameter=value, ...)@form", remedy)
     name, arguments, form = match.groups()
-    parameters: dict[str, Any] = {}
-    # Arguments by name only, as a label is written.
-    for item in filter(None, (arguments or "").split(",")):
-        key, equals, value = (part.strip() for part in item.partition("="))
-        if not equals:
-            raise InputError("scheme", text, "name every parameter", remedy)
-        if key in parameters:
-            raise InputError("scheme", text, f"give {key} once", "leave one of them out")
-        try:
-            # Literals only: a label is text from a command line or a file; its values must not run as code.
-            parameters[key] = ast.literal_eval(value.title() if value.lower() in ("true", "false") else value)
-        except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
-            raise InputError("scheme", text, f"give {key} a number, true or false", remedy) from None
-    return make(name, **parameters), one_of("form", form or default_form, KNOWN_FORMS)
+    try:
+        call: Any = ast.parse(f"call{arguments or '()'}", mode="eval").body
+        # Literals only: a label is text from a command line or a file; its values must not run as code.
+        named = [(x.arg or "", ast.literal_eval(x.value)) for x in call.keywords]
+    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
+        raise InputError("scheme", text, "give each parameter a number, True or False", remedy) from None
+    if call.args or len(dict(named)) < len(named):
+        raise InputError("scheme", text, "name every parameter, and each once", remedy)
+    return make(name, **dict(named)), one_of("form", form or default_form, KNOWN_FORMS)
 
 
 def split_runs(text: str) -> list[str]:

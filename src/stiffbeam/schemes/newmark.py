@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from .scheme import Array, Equation, Scheme, Step, in_interval
+from ..basics.validation import number
+from .scheme import Array, Equation, Scheme, Step
 
 
 class WeightedNewmark(Scheme):
@@ -84,9 +85,8 @@ class HHT(WeightedNewmark):
     variants = ({"alpha": 0.0}, {"alpha": -0.3})
 
     def __init__(self, alpha: float = -0.1) -> None:
-        self.alpha = in_interval(
-            "alpha", alpha, -1.0 / 3.0, 0.0, "if your alpha is in [0, 1/3], pass -alpha; if in [2/3, 1], alpha - 1"
-        )
+        remedy = "if your alpha is in [0, 1/3], pass -alpha; if in [2/3, 1], alpha - 1"
+        self.alpha = number("alpha", alpha, least=-1.0 / 3.0, most=0.0, remedy=remedy)
         super().__init__(0.0, -self.alpha)
 
 
@@ -114,5 +114,5 @@ class GeneralisedAlpha(WeightedNewmark):
     variants = ({"rho": 0.0}, {"rho": 1.0})
 
     def __init__(self, rho: float = 0.8) -> None:
-        self.rho = in_interval("rho", rho, 0.0, 1.0)
+        self.rho = number("rho", rho, least=0.0, most=1.0)
         super().__init__((2.0 * self.rho - 1.0) / (self.rho + 1.0), self.rho / (self.rho + 1.0))

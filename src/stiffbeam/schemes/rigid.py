@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ..basics.validation import number
 from .newmark import GeneralisedAlpha
-from .scheme import Array, Equation, Scheme, Step, in_interval
+from .scheme import Array, Equation, Scheme, Step
 
 if TYPE_CHECKING:
     from ..model.contact import Stops
@@ -94,7 +95,7 @@ class MoreauJean(RigidScheme):
     conditions = (VELOCITY,)
 
     def __init__(self, theta: float = 0.5) -> None:
-        self.theta = in_interval("theta", theta, 0.5, 1.0)
+        self.theta = number("theta", theta, least=0.5, most=1.0)
 
     def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
         """reactions[0] is P/dt, the impulse of the step as a mean force."""
@@ -136,7 +137,7 @@ class PaoliSchatzman(RigidScheme):
     conditions = (RESTITUTED,)
 
     def __init__(self, beta: float = 0.25) -> None:
-        self.beta = in_interval("beta", beta, 0.25, 0.5)
+        self.beta = number("beta", beta, least=0.25, most=0.5)
 
     def start(self, equation: Equation, dt: float, y: Array, force: Array) -> Array:
         """State at t = 0, with q- such that (q+ - q-)/(2 dt) is the initial velocity."""

@@ -131,15 +131,6 @@ def oscillator(x: float, xi: float) -> complex:
     return x * complex(-xi, (1.0 - xi * xi) ** 0.5)
 
 
-def in_interval(field: str, value: Any, low: float, high: float, remedy: str = "") -> float:
-    """``value`` as a float in [low, high]."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not low <= value <= high:
-        remedy = remedy or f"for example {0.5 * (low + high):g}"
-        raise InputError(field, value, f"lie in [{low:.6g}, {high:.6g}]", remedy)
-    return float(value)
-
-
-_KEPT: set[tuple[type, str]] = set()  # the schemes of this package that have been found to keep it
 TWO_MODES = Equation(np.ones(2), np.array([0.1, 0.3]), np.array([0.7, 1.9]) ** 2)
 TOLERANCE = 1e-10  # of rounding; a broken contract shows at order one
 
@@ -149,12 +140,9 @@ def check_contract(scheme: Scheme) -> None:
 
     Tried on two damped modes with random states, loads and reactions: step(x + 2 y) = step(x) + 2 step(y),
     and so for ``predict``; no state at a node changes with a load or a reaction at a later one; nothing in
-    one mode changes with the other; and the same input gives the same bits again. Checked once per run, of the
-    schemes of this package once for each set of parameters.
+    one mode changes with the other; and the same input gives the same bits again. ``integrate`` checks the schemes of
+    others, tests those of this package.
     """
-    lasting, name = is_known(scheme), (type(scheme), str(scheme))  # a scheme and its conserving form have one label
-    if lasting and name in _KEPT:
-        return
     if scheme.starter is not None:
         check_contract(scheme.starter)
     # Random numbers without structure, so that no defect of a step cancels by chance; always the same ones.
@@ -192,8 +180,6 @@ def check_contract(scheme: Scheme) -> None:
         got = f"a state before node {later} that moves with the force there"
         remedy = f"let every node depend on its own and earlier forces only; {FULLY_IMPLICIT}"
         require(not np.any((step(x[0], changed)[1] - once[1])[:later]), got, "be causal", remedy)
-    if lasting:
-        _KEPT.add(name)
 
 
 def _tried(scheme: Scheme, shape: tuple[int, ...], z: Array, forces: Array) -> tuple[Array, Array, Array]:

@@ -6,8 +6,8 @@ import warnings
 
 import numpy as np
 
-from ..basics.validation import InputError
-from .scheme import Array, Equation, Scheme, Step, in_interval, oscillator
+from ..basics.validation import InputError, number
+from .scheme import Array, Equation, Scheme, Step, oscillator
 
 # The middle root of 1/6 - (3/2) g + 3 g^2 - g^3, nearest double: third order.
 GAMMA_THIRD_ORDER = 0.435866521508459
@@ -52,7 +52,7 @@ class SDIRK(Scheme):
     variants = ({"nystrom": True}, {"gamma": 1.0}, {"gamma": 1.0, "nystrom": True})
 
     def __init__(self, gamma: float = GAMMA_THIRD_ORDER, nystrom: bool = False) -> None:
-        gamma = in_interval("gamma", gamma, GAMMA_MIN, GAMMA_MAX, "outside it the scheme is not L-stable")
+        gamma = number("gamma", gamma, least=GAMMA_MIN, most=GAMMA_MAX, remedy="outside it the scheme is not L-stable")
         # The paper's four digits mean the root.
         self.gamma = GAMMA_THIRD_ORDER if gamma == 0.4359 else gamma  # as the paper prints it
         if not isinstance(nystrom, (bool, np.bool_)):

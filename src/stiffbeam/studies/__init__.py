@@ -8,7 +8,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import Any
 
-from ..basics.progress import Show
+from ..basics.resources import Show
 from ..basics.validation import InputError, one_of
 from ..files.cases import Case, case_of, find_case
 from ..model.system import System

@@ -25,8 +25,7 @@ import numpy as np
 import pandas as pd
 from cyclopts import Parameter
 
-from ..basics.progress import current
-from ..basics.resources import clock
+from ..basics.resources import clock, current
 from ..basics.validation import InputError, instance, one_of, positive, sequence
 from ..figures.chart import Figure, log_scale, look, shared_legend
 from ..files.cases import Case

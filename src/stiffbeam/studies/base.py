@@ -25,11 +25,9 @@ import pandas as pd
 from cyclopts import Parameter, Token
 
 from ..basics.arrays import Recent
-from ..basics.progress import TALK, Show, working
-from ..basics.resources import afford, cores
+from ..basics.resources import TALK, Show, afford, cores, working
 from ..basics.storage import make_folder, source_hash, write_whole
-from ..basics.text import plain
-from ..basics.units import with_unit
+from ..basics.text import plain, with_unit
 from ..basics.validation import InputError, exact_float, integer, one_of, sequence
 from ..figures.chart import Figure
 from ..files.cases import Case

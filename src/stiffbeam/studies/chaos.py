@@ -21,7 +21,7 @@ from scipy.stats import sem
 from scipy.stats import t as student
 
 from ..basics.arrays import Array
-from ..basics.units import unit_of, with_unit
+from ..basics.text import unit_of, with_unit
 from ..basics.validation import InputError, positive
 from ..figures.chart import Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.progress import current
+from ..basics.resources import current
 from ..basics.validation import InputError, one_of, step_count
 from ..files.cases import Case, compared
 from ..files.store import cached_reference

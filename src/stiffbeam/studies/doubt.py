@@ -32,9 +32,8 @@ import scipy.stats
 from cyclopts import Parameter
 
 from ..basics.arrays import Array, Recent
-from ..basics.progress import current
-from ..basics.resources import over
-from ..basics.units import with_unit
+from ..basics.resources import current, over
+from ..basics.text import with_unit
 from ..basics.validation import InputError, Rng, generator, number
 from ..figures.chart import Figure, style_of
 from ..files.cases import Case

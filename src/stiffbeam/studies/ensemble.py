@@ -17,7 +17,7 @@ import pandas as pd
 from scipy.stats import ttest_ind
 
 from ..basics.arrays import Array
-from ..basics.units import with_unit
+from ..basics.text import with_unit
 from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble

@@ -19,8 +19,7 @@ from typing import ClassVar, cast
 import numpy as np
 import pandas as pd
 
-from ..basics.text import several
-from ..basics.units import with_unit
+from ..basics.text import several, with_unit
 from ..basics.validation import InputError
 from ..figures.chart import Figure, panel_legend, tip_text
 from ..files.cases import Case

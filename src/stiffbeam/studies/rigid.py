@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ..basics.arrays import Array
-from ..basics.units import with_unit
+from ..basics.text import with_unit
 from ..basics.validation import InputError
 from ..figures.chart import Figure, log_scale, style_of
 from ..files.cases import Case

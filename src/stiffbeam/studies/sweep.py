@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from ..basics.arrays import Array
-from ..basics.units import unit_of, with_unit
+from ..basics.text import unit_of, with_unit
 from ..basics.validation import InputError, number
 from ..figures.chart import Axes, Figure, dashed, log_scale, look, tip_text
 from ..files.cases import Case

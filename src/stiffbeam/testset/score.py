@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 
 from ..basics.arrays import Array
-from ..basics.progress import Show, working
+from ..basics.resources import Show, working
 from ..basics.storage import write_whole
 from ..basics.text import plain, several
 from ..basics.validation import InputError, sequence

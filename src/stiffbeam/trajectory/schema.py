@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from ..basics.arrays import Array
 from ..basics.storage import content_hash, write_netcdf, write_whole
-from ..basics.text import plain
-from ..basics.units import Units, unit_of
+from ..basics.text import Units, plain, unit_of
 from ..basics.validation import InputError, file_path
 from ..model.members import STARTS, SYSTEMS
 

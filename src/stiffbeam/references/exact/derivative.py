@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
-from ...basics.progress import working
-from ...basics.resources import afford
+from ...basics.resources import afford, working
 from ...basics.validation import InputError
 from ...model.system_data import slopes
 from ...trajectory.trajectory import Reference

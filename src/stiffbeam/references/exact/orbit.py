@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array
-from ...basics.progress import working
+from ...basics.resources import working
 from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
