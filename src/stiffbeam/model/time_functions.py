@@ -273,7 +273,8 @@ class Sampled(Derivable):
         slack = BEYOND * float(self.t[-1] - self.t[0])
         for t in (start, end):
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
-                remedy = "end the run there, or append samples, 0 where nothing acts"
+                early = "let it begin at 0, in a case file by start = 0, or put samples before it"
+                remedy = early if t < self.t[0] else "end the run there, or append samples, 0 where nothing acts"
                 where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
                 rule = f"be evaluated within its samples, {where}"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
