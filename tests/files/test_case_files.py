@@ -421,8 +421,8 @@ def test_times_are_those_of_the_case_whatever_the_file_counts_in(unit, read, tmp
             with pytest.raises(sb.InputError, match=f"for times in {unit}.*time_factor = {size:g}"):
                 read(f"{name};F\n{rows}")
     (tmp_path / "c.toml").write_text(
-        '[[case]]\nname = "c"\ndt = 1.0\nt_end = 10.0\nsystem = { mass = [[1.0]], stiffness = [[1.0]], observe = [1.0], '
-        'units = { time = "ms" }, loads = [{ row = [1.0], sampled = "record.csv" }] }\n'
+        '[[case]]\nname = "c"\ndt = 1.0\nt_end = 10.0\nsystem = { mass = [[1.0]], stiffness = [[1.0]], observe = [1.0]'
+        ', units = { time = "ms" }, loads = [{ row = [1.0], sampled = "record.csv" }] }\n'
     )
     read(f"time [{unit}];F\n{rows}", unit="s")
     (case,) = sb.load_cases(tmp_path / "c.toml").values()

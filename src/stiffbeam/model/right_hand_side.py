@@ -341,7 +341,7 @@ class ODE:
     def __init__(self, system: System, form: str = "explicit", sides: ArrayLike | None = None) -> None:
         self.system, self.form = system, one_of("form", form, FORMS)
         for contact in system.contacts:
-            contact.stops.require_compliant("a differential equation", "use a large one, 1e8 for example")
+            contact.stops.require_compliant("a differential equation")
         self._rhs = RightHandSide(system, descriptor=form == "descriptor")
         self._n = self._rhs.states
         self.y0 = self._rhs.z0[: self._n].copy()
@@ -408,8 +408,7 @@ class ODE:
 
         Raises InputError where a load or an offset is a Python function.
         """
-        remedy = "sample it: Sampled(t, values, 'cubic')"
-        require_closed_form(self.system.time_functions, "compiled code", remedy)
+        require_closed_form(self.system.time_functions, "compiled code")
         return function_address("state_rate"), self._rhs.equations.c
 
     @cached_property

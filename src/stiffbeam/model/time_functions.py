@@ -372,13 +372,12 @@ def in_closed_form(*functions: LoadFunction | None) -> bool:
     return all(isinstance(leaf, KNOWN) for leaf in leaves(*functions))
 
 
-def require_closed_form(
-    functions: Iterable[LoadFunction | None], what: str, remedy: str = "use the adaptive solver cvode"
-) -> None:
+def require_closed_form(functions: Iterable[LoadFunction | None], what: str) -> None:
     """Raise InputError for a function that is not made of Harmonic, Constant and Sampled; what: needs such ones."""
     for leaf in leaves(*functions):
         if not isinstance(leaf, KNOWN):
-            raise InputError("time function", leaf, f"be made of Harmonic, Constant and Sampled for {what}", remedy)
+            rule, remedy = f"be made of Harmonic, Constant and Sampled for {what}", "Sampled(t, values, 'cubic')"
+            raise InputError("time function", leaf, rule, f"sample it: {remedy}")
 
 
 def derivative(function: TimeFunction, order: int) -> LoadFunction:

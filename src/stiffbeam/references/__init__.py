@@ -203,7 +203,7 @@ def _checked(request: Request) -> Request:
         if not 1e-150 <= t_end <= 1e150:
             raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
         for contact in request.system.contacts:
-            contact.stops.require_compliant(f"the adaptive solver {method}")
+            contact.stops.require_compliant(f"the adaptive solver {method}", "use the method exact, or a large one")
     elif longest is not None or len(breaks):
         field, given = ("breakpoints", breaks) if longest is None else ("max_step", longest)
         raise InputError(field, given, f"be left out for {method}", "it has no steps to bound")

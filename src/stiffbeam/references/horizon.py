@@ -358,7 +358,7 @@ def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
     """
     require_system(system)
     t_end = positive("t_end", t_end)
-    refuse(system, t_end)
+    refuse(system, t_end, 'take the study "chaos"')
     with within_float64("lyapunov", t_end):
         solution = Solver(system).solve(t_end)
         if not system.rigid:
