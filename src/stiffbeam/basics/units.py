@@ -6,7 +6,7 @@ from typing import Any
 
 from .validation import InputError
 
-Units = tuple[str, ...]  # nothing is ever converted
+Units = tuple[str, ...]  # nothing but the times of a record is converted
 SI: Units = ("m", "s", "N")
 MOST = 20  # letters of a label
 

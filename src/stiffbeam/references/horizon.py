@@ -224,7 +224,8 @@ def _order_decides(solution: Motion, horizon: float, t: Array) -> str:
     for mark in np.unique(blows.mark[(blows.t >= horizon) & (blows.t <= until)]).tolist():
         here = blows.mark == mark
         if len(np.unique(blows.contact[here])) > 1:
-            return f"Contacts are hit at one time, t = {blows.t[here][0]:.6g}: their order decides what follows."
+            when = f"Contacts are hit at one time, t = {blows.t[here][0]:.6g}"
+            return f"{when}: their order decides what follows. To compare further, move one of the stops a little."
     return ""
 
 
