@@ -48,7 +48,9 @@ class OutOfTime(Exception):
 
 
 Reached = Callable[[float], None]
-_DEADLINE: ContextVar[tuple[float, float, Reached]] = ContextVar("deadline", default=(float("inf"), 1.0, lambda t: None))
+_DEADLINE: ContextVar[tuple[float, float, Reached]] = ContextVar(
+    "deadline", default=(float("inf"), 1.0, lambda t: None)
+)
 
 
 @contextmanager
