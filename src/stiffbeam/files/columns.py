@@ -138,16 +138,17 @@ def factor_of(time: Any, unit: str) -> float:
 
     Raises InputError for a unit that is none of time, and for all but seconds where the case has no unit.
     """
-    written, known = bare(time)[1], ", ".join(UNITS)
+    written = bare(time)[1]
     if not written or written == unit:
         return 1.0
-    if written not in UNITS or unit not in ("", *UNITS):
+    factor = UNITS.get(written, 0.0) / UNITS.get(unit or "s", np.inf)
+    if not factor or (not unit and factor != 1.0):
         rule = f"be given for times in {written}" + f" where the case counts in {unit}" * bool(unit)
-        raise InputError("time_factor", None, rule, f"write one of {known} into the name {time!r}, or give it")
-    if not unit and UNITS[written] != 1.0:
-        remedy = f"give time_factor = {UNITS[written]:g} for seconds, 1 for {written}, or the case its units"
-        raise InputError("time_factor", None, f"be given for times in {written}, {time!r}", remedy)
-    return UNITS[written] / UNITS[unit or "s"]
+        remedy = f"write one of {', '.join(UNITS)} into the name {time!r}, or give it"
+        if factor:
+            remedy = f"give time_factor = {factor:g} for seconds, 1 for {written}, or the case its units"
+        raise InputError("time_factor", None, rule, remedy)
+    return factor
 
 
 def read_samples(

@@ -152,11 +152,9 @@ class Reader:
         names, make = [x.name for x in fields(kind) if x.init], make_dict_structure_fn(kind, self.convert)
 
         def read(value: Any, _: Any) -> Any:
-            if "units" in _table(value, names):
-                units = value["units"]
+            units = _table(value, names).get("units")
+            if "units" in names:
                 self.unit = (SI_TABLE | units)["time"] if isinstance(units, dict) else ""
-            elif "units" in names:
-                self.unit = ""
             return make(value, kind)
 
         return read
