@@ -160,7 +160,7 @@ def _pair(load: float = 1.0, speed: float = 0.4, coupled: bool = True) -> System
     stiffness = np.array([[9.0, -4.0], [-4.0, 6.0]])
     return System.from_matrices(
         [[2.0, 0.1], [0.1, 1.0]], stiffness, [[0.3, -0.2], [-0.2, 0.4]] if coupled else 0.05 * stiffness,
-        loads=[([0.0, load], Harmonic(1.0, 1.3, 0.4))], observe=[0.0, 1.0], initial_velocity=[0.5 * speed, -speed],
+        loads=[([0.0, 1.0], Harmonic(load, 1.3, 0.4))], observe=[0.0, 1.0], initial_velocity=[0.5 * speed, -speed],
     )  # fmt: skip
 
 

@@ -400,13 +400,40 @@ def test_times_are_scaled_shifted_and_made(read):
     ms = "time [ms];F\n" + lines("{t};{f}", 1000.0 * T)
     np.testing.assert_allclose(read(ms, time_factor=1e-3)[0], T, rtol=1e-15)
     np.testing.assert_allclose(read(lines("{t},{f}", 1e6 + T), start=0.0)[0], T, atol=1e-9)
+    with pytest.raises(sb.InputError, match="by start = 0"):
+        sb.Sampled(*read(lines("{t},{f}", 1e6 + T))).value(0.0)
     np.testing.assert_array_equal(read(lines("{f}"), dt=0.25)[0], T)
     np.testing.assert_array_equal(read("a,b\n" + lines("{i},{f}"), "b", dt=0.25, start=1.0)[0], 1.0 + T)
     np.testing.assert_array_equal(read("t,gain,force\n" + lines("{t},1,{f}"), "force")[1], F)
 
 
+@pytest.mark.parametrize("unit", columns.UNITS)
+def test_times_are_those_of_the_case_whatever_the_file_counts_in(unit, read, tmp_path):
+    """The name of the column has the unit; a case without a unit of time takes seconds only."""
+    size, rows = columns.UNITS[unit], lines("{t};{f}", T / columns.UNITS[unit])
+    for name in (f"time [{unit}]", f"Time ({unit})", f"t / {unit}", f"time_{unit}", f"Zeit in {unit}", f"time, {unit}"):
+        for case in ("s", "ms", "h"):
+            np.testing.assert_allclose(read(f"{name};F\n{rows}", unit=case)[0], T / columns.UNITS[case], rtol=1e-14)
+        if size == 1.0:
+            np.testing.assert_array_equal(read(f"{name};F\n{rows}")[0], T)
+        else:
+            with pytest.raises(sb.InputError, match=f"for times in {unit}.*time_factor = {size:g}"):
+                read(f"{name};F\n{rows}")
+    (tmp_path / "c.toml").write_text(
+        '[[case]]\nname = "c"\ndt = 1.0\nt_end = 10.0\nsystem = { mass = [[1.0]], stiffness = [[1.0]], observe = [1.0]'
+        ', units = { time = "ms" }, loads = [{ row = [1.0], sampled = "record.csv" }] }\n'
+    )
+    read(f"time [{unit}];F\n{rows}", unit="s")
+    (case,) = sb.load_cases(tmp_path / "c.toml").values()
+    np.testing.assert_allclose(case.system().loads[0][1].t, 1000.0 * T, rtol=1e-14)
+
+
 REFUSED = [  # text, options, words
-    ("time [ms];F\n" + lines("{t};{f}"), {}, "time_factor must be given for times in ms.*time_factor = 0.001"),
+    *((f"{name},F\n" + lines("{i},{f}"), {}, "have one column of times.*give dt") for name in ("index", "sample", "x")),
+    ("sample no,F\n" + lines("{i},{f}"), {}, "have one column of times"), (lines("{i},{f}"), {}, "row numbers.*dt"),
+    ("time (fortnights),F\n" + lines("{t},{f}"), {}, "in fortnights.*write one of ns"),
+    ("time step,F\n" + lines("{i},{f}"), {"unit": "s"}, "for times in step where the case counts in s"),
+    ("t [s],F\n" + lines("{t},{f}"), {"unit": "cycles"}, "in s where the case counts in cycles"),
     (lines("{f},{t}"), {}, "have its times first"), (lines("{i},{t},{f}"), {"column": "b"}, "row numbers"),
     (lines("{f}"), {}, "give dt"), ("t,F\n" + lines("{t},{f}"), {"dt": 0.1}, "dt must be left out"),
     ("t,time\n" + lines("{t},{f}"), {}, "have one column of times"), ("", {}, "two or more lines"),

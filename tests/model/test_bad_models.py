@@ -110,6 +110,7 @@ NO_SYSTEM = [
     (lambda: system(stiffness=np.eye(3)), "shape"), (lambda: system(q0=np.zeros(3)), "2 finite"),
     (lambda: system(v0=np.array([np.nan, 0.0])), "be finite"), (lambda: system(observe=None), "name the row"),
     (lambda: system(loads=[(np.ones(3), sb.Constant(1.0))]), "2 finite"),
+    (lambda: system(loads=[(np.zeros(2), sb.Constant(1.0))]), "loads must not be all zero"),
     (lambda: system(contacts=[sb.Contact(np.ones(3), TIP)]), "hold 2 numbers"),
     (lambda: sb.System.from_matrices(np.diag([1.0, 0.0]), EYE, observe=[1.0, 0.0]),
      "mass must be positive definite.*condense"),

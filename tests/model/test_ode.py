@@ -87,8 +87,6 @@ def test_a_solver_restarts_segment_by_segment():
     t, y, side, entries = 0.0, ode.y0, 0, []
     while t < t_end:
         segment = ode.segment([side])
-        for event in segment.events:
-            event.terminal, event.direction = True, -1.0 if event.side == side else 1.0
         solution = scipy.integrate.solve_ivp(
             segment.rhs, (t, t_end), y, method="DOP853", events=segment.events, rtol=1e-11, atol=1e-13
         )

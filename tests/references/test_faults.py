@@ -120,16 +120,17 @@ def test_work_without_end_is_given_up(method, monkeypatch):
 
 def test_what_no_pass_repeats_takes_its_time_from_all(monkeypatch):
     """Of 20 s for 10 passes 10 s of compiling leave 1 s for each."""
-    now = [0.0]
+    now, reached = [0.0], list[float]()
     monkeypatch.setattr(resources, "clock", lambda: now[0])
-    with resources.deadline(20.0, 10.0):
+    with resources.deadline(20.0, 10.0, reached.append):
         with resources.once():
             now[0] = 10.0
         now[0] = 10.9
         resources.in_time(0.5)
         now[0] = 11.1
         with pytest.raises(resources.OutOfTime):
-            resources.in_time(0.5)
+            resources.in_time(0.6)
+    assert reached == [0.5, 0.6]
 
 
 class Ticking:

@@ -55,7 +55,7 @@ def test_float64_parts_from_it_at_its_horizon_and_the_digits_confirm_themselves(
     ("call", "words"),
     [
         (lambda s: sb.reference(s, 0.1), "Harmonic, Constant and Sampled"),
-        (lambda s: sb.reference(s, 0.1, "multiprecision"), "Harmonic, Constant and Sampled"),
+        (lambda s: sb.reference(s, 0.1, "multiprecision"), "Harmonic and Constant for multiprecision"),
         (lambda s: sb.lyapunov(s, 0.1), "Harmonic, Constant and Sampled"),
         (lambda s: sb.reference(s, 0.1, "multiprecision", digits=5), "digits"),
         (lambda s: sb.lyapunov(s, -1.0), "t_end"),

@@ -78,7 +78,7 @@ def test_what_a_periodic_orbit_refuses():
         sb.periodic_orbit(system, period, [1.0, 2.0, 3.0])
     record = sb.Sampled(np.array([0.0, 3.0]), np.array([0.0, 1.0]))
     driven = sb.System.from_matrices([[1.0]], [[1.0]], loads=[([1.0], record)], observe=[1.0])
-    with pytest.raises(sb.InputError, match="write the record as a sum of harmonics"):
+    with pytest.raises(sb.InputError, match="write it as a sum of harmonics"):
         sb.periodic_orbit(driven, 1.0)
 
 

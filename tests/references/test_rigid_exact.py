@@ -105,7 +105,7 @@ REFUSED = r"be finite for .*, which has no impact law, got inf: use MoreauJean\(
         (lambda: march(mass(0.5), sb.BDF2()), REFUSED),
         (lambda: march(rigid_chain(1)[0], sb.ExponentialFlow(), contact="conserving"), REFUSED),
         (lambda: march(mass(), sb.HHT(), contact="extrapolated"), REFUSED),
-        (lambda: march(mass(), sb.MoreauJean(), contact="conserving"), "conserve"),
+        (lambda: march(mass(), sb.MoreauJean(), contact="conserving"), "contact must be 'implicit'"),
         (lambda: march(mass(), sb.MoreauJean(), contact="extrapolated"), "contact must be 'implicit'"),
         (lambda: march(soft(), sb.MoreauJean()), "Trapezoidal"),
         (lambda: march(mass(0.5, q=[0.2]), sb.MoreauJean()), "between"),

@@ -55,14 +55,17 @@ class OutOfTime(Exception):
         self.t = t
 
 
-_DEADLINE: ContextVar[tuple[float, float]] = ContextVar("deadline", default=(float("inf"), 1.0))
+Reached = Callable[[float], None]
+_DEADLINE: ContextVar[tuple[float, float, Reached]] = ContextVar(
+    "deadline", default=(float("inf"), 1.0, lambda t: None)
+)
 
 
 @contextmanager
-def deadline(seconds: float, passes: float) -> Generator[None, None, None]:
+def deadline(seconds: float, passes: float, reached: Reached) -> Generator[None, None, None]:
     """Context of the first of several passes alike, in which ``in_time`` raises OutOfTime once this process has
-    computed for its share of the CPU seconds of all."""
-    token = _DEADLINE.set((clock() + seconds / passes, passes))
+    computed for its share of the CPU seconds of all. reached: called with the times t that solvers have reached."""
+    token = _DEADLINE.set((clock() + seconds / passes, passes, reached))
     try:
         yield
     finally:
@@ -74,18 +77,20 @@ def once() -> Generator[None, None, None]:
     """Context of work that no later pass repeats, such as compiling: it takes its time from all of them."""
     begun = clock()
     yield
-    end, passes = _DEADLINE.get()
-    _DEADLINE.set((end + (1.0 - 1.0 / passes) * (clock() - begun), passes))
+    end, passes, reached = _DEADLINE.get()
+    _DEADLINE.set((end + (1.0 - 1.0 / passes) * (clock() - begun), passes, reached))
 
 
-def late() -> bool:
-    """Return True past the ``deadline``."""
-    return clock() > _DEADLINE.get()[0]
+def late(t: float) -> bool:
+    """Return True past the ``deadline``: solvers call it at the times t that they have reached."""
+    end, _, reached = _DEADLINE.get()
+    reached(t)
+    return clock() > end
 
 
 def in_time(t: float) -> None:
-    """Raise OutOfTime past the ``deadline``: solvers call it at the times t that they have reached."""
-    if late():
+    """Raise OutOfTime past the ``deadline``, see ``late``."""
+    if late(t):
         raise OutOfTime(t)
 
 

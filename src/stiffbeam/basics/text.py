@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 LONGEST = 300  # letters of a message
-Units = tuple[str, ...]  # labels of length, time and force, or () where none are given; nothing is ever converted
+Units = tuple[
+    str, ...
+]  # labels of length, time and force, or () where none are given; only times of records are converted
 SI: Units = ("m", "s", "N")
 
 

@@ -8,6 +8,7 @@ import io
 import os
 import signal
 import sys
+import warnings
 from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
@@ -46,6 +47,7 @@ def main() -> None:
     given = sys.argv[1:]
     words = [word for word in given if word not in QUIET]
     TALK.quiet = words != given
+    warnings.showwarning = lambda message, *_, **__: print(f"stiffbeam: warning: {message}", file=sys.stderr)
     try:
         app = application(next((word for word in words if not word.startswith("-")), ""))
         status = app(words or ["--help"], exit_on_error=False, print_error=False)

@@ -16,8 +16,15 @@ from ..basics.storage import regular_text
 from ..basics.validation import InputError, number, positive
 
 MOST_BYTES = 1 << 28  # of a file of columns
-TIMES = ("t", "time", "zeit", "temps", "tiempo", "tempo", "seconds")  # names of the times, in small letters
-UNITS = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "min": 60.0, "h": 3600.0}  # in seconds
+UNITS = {  # in seconds
+    "ns": 1e-9, **dict.fromkeys(("us", "µs", "μs"), 1e-6), **dict.fromkeys(("ms", "msec", "milliseconds"), 1e-3),
+    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0), **dict.fromkeys(("min", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hours"), 3600.0),
+}  # fmt: skip
+# Names of the times, in small letters; "min" may be a minimum.
+TIMES = ("t", "time", "timestamp", "zeit", "temps", "tiempo", "tempo", *sorted(UNITS.keys() - {"s", "min", "h"}))
+NAMED_TIME = re.compile(rf"({'|'.join(TIMES)})[\s_]+(?:in\s+)?([^\s\[({{/]\S*)")
+NAMED = re.compile(r"(.*?)(?:\s*[\[({/,]\s*(.*?)[\])}.\s]*)?")
 COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")  # a number with a decimal comma
 STEADY, HOLE = 0.01, 1.5  # in median steps: what equal ones differ by; from where on one is a hole
 
@@ -98,35 +105,55 @@ def _float(text: str) -> float | None:
         return None
 
 
-def bare(name: Any) -> str:
-    """A name without its unit, in small letters: "time" for "Time [ms]" and "Time / ms"."""
-    return re.sub(r"\s*[\[(/].*$", "", str(name)).strip().lower()
+def bare(name: Any) -> tuple[str, str]:
+    """A name and its unit, in small letters: ("time", "ms") for "Time [ms]", "Time/ms", "time_ms" and "Time in ms"."""
+    text = str(name).strip().lower()
+    parts = NAMED_TIME.fullmatch(text) or NAMED.fullmatch(text)
+    assert parts is not None
+    return parts[1], parts[2] or (parts[1] if parts[1] in UNITS else "")
 
 
 def time_of(file: Path, field: str, table: pandas.DataFrame) -> Any:
-    """The column of the times: the one that is named so, else the first. Raises InputError where it does not increase,
-    and where it counts rows."""
-    named = [name for name in table.columns if bare(name) in TIMES]
-    if len(named) > 1:
-        remedy = "rename the others"
-        raise InputError(field, f"{file}: {', '.join(map(repr, named))}", "have one column of times", remedy)
-    if named:
+    """The column of the times: the one that is named so, without names the first. Raises InputError where names have
+    no time, and where a first column without a name does not increase or counts rows."""
+    named = [name for name in table.columns if bare(name)[0] in TIMES]
+    if len(named) == 1:
         return named[0]
     first = table.columns[0]
-    increasing = [name for name in table.columns if np.all(np.diff(table[name]) >= 0.0)]
-    if first not in increasing:
-        found = f"{file}: a first column that decreases"
-        raise InputError(field, found, "have its times first, in a sorted column", "name the column of the times t")
-    counts = np.array_equal(np.diff(table[first]), np.ones(len(table) - 1)) and len(table) > 3
-    if counts and len(table.columns) > 2 and np.all(np.diff(table.iloc[:, 1]) > 0.0):
-        remedy = "name the columns in a first line, the times t"
+    if named or isinstance(first, str):
+        found = f"{file}: {', '.join(map(repr, named or table.columns))}"
+        remedy = "rename the others" if named else "name the times t; of a file without times give dt and column"
+        raise InputError(field, found, "have one column of times", remedy)
+    steps, remedy = np.diff(table[first]), "name the columns in a first line, the times t; without times give dt"
+    if not np.all(steps >= 0.0):
+        raise InputError(field, f"{file}: a first column that decreases", "have its times first, sorted", remedy)
+    # A run may be written at whole times; another column that increases is the times then.
+    if np.all(steps == 1.0) and len(steps) > 2 and (field == "sampled" or np.all(np.diff(table.iloc[:, 1]) > 0.0)):
         raise InputError(field, f"{file}: a first column of row numbers", "have its times first", remedy)
     return first
 
 
+def factor_of(time: Any, unit: str) -> float:
+    """Factor on the times of a column, whose name may have a unit, to those of a case in this unit, "" for none.
+
+    Raises InputError for a unit that is none of time, and for all but seconds where the case has no unit.
+    """
+    written = bare(time)[1]
+    if not written or written == unit:
+        return 1.0
+    factor = UNITS.get(written, 0.0) / UNITS.get(unit or "s", np.inf)
+    if not factor or (not unit and factor != 1.0):
+        rule = f"be given for times in {written}" + f" where the case counts in {unit}" * bool(unit)
+        remedy = f"write one of {', '.join(UNITS)} into the name {time!r}, or give it"
+        if factor:
+            remedy = f"give time_factor = {factor:g} for seconds, 1 for {written}, or the case its units"
+        raise InputError("time_factor", None, rule, remedy)
+    return factor
+
+
 def read_samples(
     file: Path, column: str | None = None, dt: float | None = None, time_factor: float | None = None,
-    start: float | None = None,
+    start: float | None = None, unit: str = "",
 ) -> tuple[Array, Array]:  # fmt: skip
     """Times and values of a record, see ``read_columns``.
 
@@ -137,21 +164,23 @@ def read_samples(
     dt : float, optional
         Sampling interval of a file without times.
     time_factor : float, optional
-        Factor on the times of the file, 1e-3 for milliseconds.
+        Factor on the times of the file, by default that from the unit in the name of their column to ``unit``.
     start : float, optional
         Time of the first sample; the others move with it.
+    unit : str, optional
+        Unit of time of the case, "" where it has none.
 
     Raises
     ------
     InputError
-        For what cannot be read, and for columns that are not known to be times and values.
+        For what cannot be read, for columns that are not known to be times and values, and for an unknown unit of time.
     """
     table = read_columns(file, "sampled")
     names = list(table.columns)
     if dt is None and len(names) < 2:
         found, remedy = f"{file}: {len(names)} columns", "give dt, the sampling interval"
         raise InputError("sampled", found, "have two columns, times and values", remedy)
-    time = None if dt is not None and not any(bare(x) in TIMES for x in names) else time_of(file, "sampled", table)
+    time = None if dt is not None and not any(bare(x)[0] in TIMES for x in names) else time_of(file, "sampled", table)
     if dt is not None and time is not None:
         raise InputError("dt", dt, f"be left out where {file} has times, {time!r}", "leave it out")
     others = [x for x in names if x != time]
@@ -167,11 +196,8 @@ def read_samples(
     values = table[column].to_numpy(float)
     if time is None:
         return number("start", start or 0.0) + positive("dt", dt) * np.arange(len(values)), values
-    unit = next((x for x in re.split(r"[\[\](){}/_\s]+", str(time)) if x in UNITS), None)
-    if unit and time_factor is None:
-        remedy = f"give time_factor = {UNITS[unit]:g} for seconds, or 1 where the case counts in {unit}"
-        raise InputError("time_factor", None, f"be given for times in {unit}, {time!r}", remedy)
-    t = table[time].to_numpy(float) * positive("time_factor", 1.0 if time_factor is None else time_factor)
+    factor = factor_of(time, unit) if time_factor is None else positive("time_factor", time_factor)
+    t = table[time].to_numpy(float) * factor
     t = t if start is None else t - t[0] + number("start", start)
     _warn_of_holes(file, t, values)
     return t, values

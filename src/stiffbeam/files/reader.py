@@ -123,7 +123,7 @@ class Reader:
     has to hold everything itself."""
 
     def __init__(self, folder: Path | None) -> None:
-        self.folder, self.size = folder, 0
+        self.folder, self.size, self.unit = folder, 0, ""  # of the system that is read: its unknowns, unit of time
         self.convert = convert = Converter()
         hooks: dict[Any, Any] = {
             Line: _line, Units: _units, Matrix: self._matrix, Row: self._row,
@@ -150,7 +150,14 @@ class Reader:
 
     def _class(self, kind: Any) -> Any:
         names, make = [x.name for x in fields(kind) if x.init], make_dict_structure_fn(kind, self.convert)
-        return lambda value, _: make(_table(value, names), kind)
+
+        def read(value: Any, _: Any) -> Any:
+            units = _table(value, names).get("units")
+            if "units" in names:
+                self.unit = (SI_TABLE | units)["time"] if isinstance(units, dict) else ""
+            return make(value, kind)
+
+        return read
 
     def _list(self, kind: Any) -> Any:
         inner = kind.__args__[0]
@@ -191,7 +198,7 @@ class Reader:
         if isinstance(record.sampled, Points):
             return Sampled(np.array(record.sampled.t), np.array(record.sampled.values), record.kind)
         options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
-        return Sampled(*read_samples(self._beside(record.sampled), **options), record.kind)
+        return Sampled(*read_samples(self._beside(record.sampled), **options, unit=self.unit), record.kind)
 
     def _load(self, value: Any, _: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"

@@ -42,11 +42,11 @@ class Plan:
         if not 1e-150 <= self.dt <= 1e150:
             raise InputError("dt", dt, "have a square in float64", "count time in another unit")
         self.treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
+        self.rule = self.treatment.rule(system, self.given)  # of the contacts of ``system``
         self.scheme = self.treatment.form_of(self.given)
         covered(system.time_functions, self.t_end)
         if not is_known(self.scheme):
             check_contract(self.scheme)
-        self.rule = self.treatment.rule(system, self.scheme)  # of the contacts of ``system``
         # The modes, or where the damping couples them all unknowns, which then step together.
         coordinates = Coordinates(system, decoupled_modes(system))
         if isinstance(self.scheme, RigidScheme):

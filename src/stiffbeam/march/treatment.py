@@ -48,8 +48,8 @@ class Treatment:
                 remedy = "use a scheme for compliant stops, as Trapezoidal, or give stiffness = inf"
                 raise InputError("stops.stiffness", contacts[0].stops.stiffness, f"be inf for {scheme}", remedy)
             if self.name != "implicit":
-                rule = "be 'implicit' for rigid stops"
-                raise InputError("contact", self.name, rule, "a reaction is no function of positions")
+                rule = "be 'implicit' for rigid stops, whose reaction is no function of positions"
+                raise InputError("contact", self.name, rule, "leave it out")
             _require_rigid(system, scheme)
             return RIGID
         if any(rigid):

@@ -212,10 +212,9 @@ class Stops(Frozen):
         """True if stiffness is inf."""
         return isinstance(self.stiffness, (int, float)) and self.stiffness == math.inf
 
-    def require_compliant(self, for_what: str, remedy: str = "") -> None:
+    def require_compliant(self, for_what: str, remedy: str = "use a large one, 1e8 for example") -> None:
         """Raise InputError for a rigid stop, whose reaction is no function of position and velocity."""
         if self.rigid:
-            remedy = remedy or "take the exact solution, or stops with a large stiffness"
             raise InputError("stops.stiffness", self.stiffness, f"be finite for {for_what}", remedy)
 
     @cached_property
@@ -251,12 +250,12 @@ class Stops(Frozen):
         v = np.asarray(v, float)
         return v - np.clip(v, self.lower_bound, self.upper_bound)
 
-    def require_linear(self, for_what: str, damped: bool = False) -> None:
+    def require_linear(self, for_what: str, damped: bool = False, remedy: str = "leave it out") -> None:
         """Raise InputError unless the law is the linear one; ``damped``: or unilateral Kelvin-Voigt."""
         self.require_compliant(for_what)
         for name in (x for x in LINEAR if getattr(self, x) != LINEAR[x] and not (damped and x == "damping")):
             rule = f"be {LINEAR[name]:g}, a linear law, for {for_what}"
-            raise InputError(f"stops.{name}", getattr(self, name), rule, "leave it out, or use the solver cvode")
+            raise InputError(f"stops.{name}", getattr(self, name), rule, remedy)
 
     @property
     def data(self) -> dict[str, float]:

@@ -322,9 +322,8 @@ class ODE:
         Lower and upper bandwidth of ``jac`` and ``mass``; None where a banded solver does not pay.
     events : tuple of functions of (t, y)
         One per side of every contact that has a stop there: > 0 while the stop presses. Each has the attributes
-        ``contact`` and ``side``, 1 upper or -1 lower, and SciPy's ``direction`` and ``terminal``. To restart there with
-        ``segment``, set terminal to True and direction to 1 where the contact is open, to -1 where it is closed:
-        otherwise SciPy stops at the event at which it starts.
+        ``contact`` and ``side``, 1 upper or -1 lower, and SciPy's ``direction`` and ``terminal``. Those of ``segment``
+        end it: terminal, with direction 1 where the side is open and -1 where it is closed.
     breakpoints : tuple of float
         Times at which a load or an offset is not smooth: samples of records, and those that a function states.
 
@@ -341,13 +340,14 @@ class ODE:
     def __init__(self, system: System, form: str = "explicit", sides: ArrayLike | None = None) -> None:
         self.system, self.form = system, one_of("form", form, FORMS)
         for contact in system.contacts:
-            contact.stops.require_compliant("a differential equation", "use a large one, 1e8 for example")
+            contact.stops.require_compliant("a differential equation")
         self._rhs = RightHandSide(system, descriptor=form == "descriptor")
         self._n = self._rhs.states
         self.y0 = self._rhs.z0[: self._n].copy()
         self.mass = self._rhs.mass
         self.bandwidths = self._rhs.bandwidths
         # A segment between events has its sides; without them every contact follows its law.
+        self._between = sides is not None
         if sides is not None:
             given = np.asarray(sides)
             if given.shape != self._rhs.regime.shape or not np.all(np.isin(given, (-1, 0, 1))):
@@ -408,8 +408,7 @@ class ODE:
 
         Raises InputError where a load or an offset is a Python function.
         """
-        remedy = "sample it: Sampled(t, values, 'cubic')"
-        require_closed_form(self.system.time_functions, "compiled code", remedy)
+        require_closed_form(self.system.time_functions, "compiled code")
         return function_address("state_rate"), self._rhs.equations.c
 
     @cached_property
@@ -431,7 +430,9 @@ class ODE:
         def pressed(t: float, y: ArrayLike) -> float:
             return float(self._rhs.event_functions(float(t), self._padded(y))[number])
 
-        vars(pressed).update(contact=contact, side=side, direction=0.0, terminal=False)
+        # A segment holds up to its next event. Both directions would also find the event at which it begins.
+        direction = (-1.0 if self._rhs.regime[contact] == side else 1.0) if self._between else 0.0
+        vars(pressed).update(contact=contact, side=side, direction=direction, terminal=self._between)
         return pressed
 
     def _states(self, y: ArrayLike) -> Array:

@@ -114,7 +114,9 @@ def loads_of(loads: Any, n: int) -> tuple[tuple[Array, LoadFunction], ...]:
     for load in sequence("loads", loads, rule, "for none write ()"):
         if not isinstance(load, (tuple, list)) or len(load) != 2:
             raise InputError("loads", load, rule, "for example ([0, 0, 1], Constant(1.0))")
-        checked.append((vector("loads", load[0], n), time_function("loads", load[1])))
+        if not np.any(row := vector("loads", load[0], n)):
+            raise InputError("loads", row, "not be all zero", "leave out a load that moves nothing")
+        checked.append((row, time_function("loads", load[1])))
     return tuple(checked)
 
 

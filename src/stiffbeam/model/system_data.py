@@ -72,7 +72,7 @@ def data_of(system: System) -> SystemData:
     n, m = system.size, len(system.contacts)
     loads, offsets = load_terms(system), offset_terms(system)
     terms = leaves(*system.time_functions)
-    require_closed_form(terms, "a derivative", "sample it with stiffbeam.Sampled")
+    require_closed_form(terms, "a derivative")
     stops = [contact.stops for contact in system.contacts]
     finite = lambda g: g if np.isfinite(g) else 0.0  # noqa: E731
     harmonics = [(f.amplitude, f.frequency, f.phase) for f in terms if isinstance(f, Harmonic)]

@@ -273,7 +273,8 @@ class Sampled(Derivable):
         slack = BEYOND * float(self.t[-1] - self.t[0])
         for t in (start, end):
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
-                remedy = "end the run there, or append samples, 0 where nothing acts"
+                early = "let it begin at 0, in a case file by start = 0, or put samples before it"
+                remedy = early if t < self.t[0] else "end the run there, or append samples, 0 where nothing acts"
                 where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
                 rule = f"be evaluated within its samples, {where}"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
@@ -371,13 +372,12 @@ def in_closed_form(*functions: LoadFunction | None) -> bool:
     return all(isinstance(leaf, KNOWN) for leaf in leaves(*functions))
 
 
-def require_closed_form(
-    functions: Iterable[LoadFunction | None], what: str, remedy: str = "use the adaptive solver cvode"
-) -> None:
+def require_closed_form(functions: Iterable[LoadFunction | None], what: str) -> None:
     """Raise InputError for a function that is not made of Harmonic, Constant and Sampled; what: needs such ones."""
     for leaf in leaves(*functions):
         if not isinstance(leaf, KNOWN):
-            raise InputError("time function", leaf, f"be made of Harmonic, Constant and Sampled for {what}", remedy)
+            rule, remedy = f"be made of Harmonic, Constant and Sampled for {what}", "Sampled(t, values, 'cubic')"
+            raise InputError("time function", leaf, rule, f"sample it: {remedy}")
 
 
 def derivative(function: TimeFunction, order: int) -> LoadFunction:

@@ -68,7 +68,7 @@ def reference(
         The longest step of an adaptive solver, by default what the functions of time allow.
     progress : bool or callable
         None shows a bar after 3 s, True at once, False nothing. A function is called as show(what, done, total) with
-        the solutions that are done: the reference itself and those its horizon is measured with.
+        the share that is done of the reference itself and of the solutions its horizon is measured with.
     seconds : float, optional
         CPU seconds, horizon included, after which the reference ends where it has come to, an adaptive one with the
         outputs up to there; see provenance["budget"].
@@ -97,12 +97,19 @@ def reference(
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
     request = _checked(Request(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step))
     seconds = math.inf if seconds is None else positive("seconds", seconds)
-    end = clock() + seconds
+    end, passes, percent = clock() + seconds, PASSES[method_of(method).kind], 0
+
+    def progressed(t: float) -> None:
+        """Show how far the first solution is."""
+        nonlocal percent
+        if (now := int(100.0 * t / request.t_end)) > percent:
+            percent = now
+            show(f"{method}: solving", now, int(100.0 * passes))
 
     def within(parts: float, request: Request) -> Reference:
         """The solution to where one of so many parts of the CPU seconds that are left brings it."""
         try:
-            with deadline(end - clock(), parts):
+            with deadline(end - clock(), parts, progressed):
                 solution = _solution(request)
         except OutOfTime as late:  # adaptive solutions end there, others are solved again
             solution = _solution(_until(late.t, request, seconds))
@@ -116,7 +123,7 @@ def reference(
 
     with working(f"{method}: solving", progress) as show:
         show(f"{method}: solving", 0, 0)
-        solution = within(PASSES[method_of(method).kind], request)
+        solution = within(passes, request)
         if not math.isnan(solution.horizon):
             return solution  # confirmed by more digits
         return with_horizon(solution, request, partial(within, 1.0), show)
@@ -202,7 +209,7 @@ def _checked(request: Request) -> Request:
         if not 1e-150 <= t_end <= 1e150:
             raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
         for contact in request.system.contacts:
-            contact.stops.require_compliant(f"the adaptive solver {method}")
+            contact.stops.require_compliant(f"the adaptive solver {method}", "use the method exact, or a large one")
     elif longest is not None or len(breaks):
         field, given = ("breakpoints", breaks) if longest is None else ("max_step", longest)
         raise InputError(field, given, f"be left out for {method}", "it has no steps to bound")

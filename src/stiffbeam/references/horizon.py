@@ -224,7 +224,8 @@ def _order_decides(solution: Motion, horizon: float, t: Array) -> str:
     for mark in np.unique(blows.mark[(blows.t >= horizon) & (blows.t <= until)]).tolist():
         here = blows.mark == mark
         if len(np.unique(blows.contact[here])) > 1:
-            return f"Contacts are hit at one time, t = {blows.t[here][0]:.6g}: their order decides what follows."
+            when = f"Contacts are hit at one time, t = {blows.t[here][0]:.6g}"
+            return f"{when}: their order decides what follows. To compare further, move one of the stops a little."
     return ""
 
 
@@ -358,7 +359,7 @@ def lyapunov(system: System, t_end: float, rng: Rng = 0) -> PerturbationGrowth:
     """
     require_system(system)
     t_end = positive("t_end", t_end)
-    refuse(system, t_end)
+    refuse(system, t_end, 'take the study "chaos"')
     with within_float64("lyapunov", t_end):
         solution = Solver(system).solve(t_end)
         if not system.rigid:

@@ -16,6 +16,7 @@ from ..model.system import System, require_system
 from ..model.system_data import slopes
 from ..trajectory.trajectory import Reference
 from . import reference
+from .exact.solution import refuse
 from .registry import output_times
 
 
@@ -62,6 +63,7 @@ def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "
     times = numbers("t", t).ravel()
     paths = sequence("wrt", wrt, "be paths to numbers", 'give a list: ["stops.stiffness"]')
     slopes(system, paths)  # which refuses wrong paths
+    refuse(system, float(times[-1]), "differentiate a solver of system.ode().jax")
     times = output_times(times, float(times[-1]))
     start = np.array([value_at(system, path) for path in paths])
 

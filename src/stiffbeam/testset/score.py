@@ -18,7 +18,7 @@ from ..basics.text import plain, several
 from ..basics.validation import InputError, sequence
 from ..figures import chart
 from ..figures.chart import Figure
-from ..files.columns import TIMES, bare, read_columns, time_of
+from ..files.columns import TIMES, bare, factor_of, read_columns, time_of
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
 from ..measures.errors import Order, observed_order
@@ -576,12 +576,13 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
     names that is the order. Raises InputError for other names, and for less than four rows.
     """
     table = read_columns(file, "--trajectory")
-    names = [COLUMNS.get(x if isinstance(x, int) else bare(x), str(x)) for x in table.columns]
+    names = [COLUMNS.get(x if isinstance(x, int) else bare(x)[0], str(x)) for x in table.columns]
     if sorted(names) not in (["t", "u"], ["t", "u", "v"]):
         written = f"{file}: {' '.join(map(str, table.columns))!r}"
         raise InputError("--trajectory", written, "name t, u and perhaps v, each once", "write for example t,u,v")
     if len(table) < 4:
         found, remedy = f"{file}: {len(table)} lines of numbers", "write the run out at more times"
         raise InputError("--trajectory", found, "hold at least 4 of them", remedy)
-    time_of(file, "--trajectory", table)
+    time = time_of(file, "--trajectory", table)
+    table[time] *= factor_of(time, "s")
     return tuple(table.iloc[:, names.index(name)].to_numpy(float) for name in "tuv" if name in names)

@@ -384,7 +384,8 @@ class Reference(Trajectory):
         """
         if self.derive is None:
             rule = 'be of method "exact" and solved in this process for a derivative'
-            raise InputError("reference", self.provenance["method"], rule, "solve it here: sb.reference(system, t_end)")
+            remedy = "solve it here: sb.reference(system, t_end); without an exact solution take differences of two"
+            raise InputError("reference", self.provenance["method"], rule, remedy)
         paths = (wrt,) if isinstance(wrt, str) else tuple(sequence("wrt", wrt, "name parameters"))
         if not paths or not all(isinstance(x, str) or (isinstance(x, tuple) and len(x) == 2) for x in paths):
             raise InputError("wrt", wrt, "name parameters", 'for example ["stops[0].stiffness"]')

@@ -264,7 +264,7 @@ class Path:
                 for k in switched:
                     self._switch(k, now, z)
                 self._pass_kink(now, z)
-                if now >= interval.end or late():
+                if now >= interval.end or late(now):
                     break
                 phase, switched = self._phase(interval, now, z, t[len(self.states) :])
                 # Phases without progress in time would never end.

@@ -67,7 +67,7 @@ class Stepping:
         stepper = self.start(phase.t, phase.z, phase.end, max_step=phase.max_step, outputs=phase.times)
         before, directions = phase.values(phase.t, phase.z), np.array(phase.directions)
         steppers = [stepper]
-        while stepper.status == "running" and not phase.ended_by and not late():
+        while stepper.status == "running" and not phase.ended_by and not late(stepper.t):
             left, message = stepper.y, stepper.step()
             if stepper.status == "failed":
                 remedy = "loosen rtol and atol or take the exact solution"

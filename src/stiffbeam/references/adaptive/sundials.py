@@ -190,7 +190,7 @@ class Sundials:
             if target <= soon:
                 phase.t = target
             # Only some roots end a phase; after the others the solver goes on to the same target.
-            while phase.t < target and not phase.ended_by and not late():
+            while phase.t < target and not phase.ended_by and not late(phase.t):
                 phase.ends(*self._step(phase, target))
                 refuse_endless(self.method, phase.t, self._evaluations)
             if phase.t < target or phase.ended_by:

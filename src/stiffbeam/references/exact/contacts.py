@@ -81,7 +81,9 @@ def record_of(solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end:
         total += float(np.sum(blows.outward[(blows.contact == i) & (blows.t >= since)]))
         for k, impulse in zip(np.searchsorted(times, starts, "right") - 1, impulses, strict=True):
             struck[k] += impulse
-        late, struck, force = times >= since, np.where(np.isnan(until), np.nan, struck), solution.reactions(t)[:, i]
+        # A contact that touches at the start and never presses has no row: it is none for any scheme.
+        late, force = (times >= since) & ((times > 0.0) | (struck > 0.0)), solution.reactions(t)[:, i]
+        struck = np.where(np.isnan(until), np.nan, struck)
         impacts = Impacts.at(times[late], struck_sides[late], "event", ends=until[late], impulses=struck[late])
         peak = np.nan if np.any(late) or np.any(held) else 0.0
     else:

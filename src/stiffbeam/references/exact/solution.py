@@ -93,24 +93,25 @@ def reference_of(
     )
 
 
-def refuse(system: System, t_end: float) -> None:
-    """Raise InputError for what has no exact solution.
+def refuse(system: System, t_end: float, other: str = "use the solver cvode-adams") -> None:
+    """Raise InputError for what has no exact solution; other: a remedy of the caller's beside a change of the system.
 
     Laws that are not linear between events, functions of time without a closed form, samples that end before t_end, and
     damped stops that move by samples. Of rigid stops, which have to be all of one kind, those without restitution,
     contacts that follow from each other, and stops that move along a polygon: at its corners the contact point has no
     velocity.
     """
+    other = other and f", or {other}"
     if not system.passive:
         rule = "take energy from every motion for the exact solution"
-        raise InputError("damping", "a matrix that gives energy", rule, "use dop853 or cvode-adams")
+        raise InputError("damping", "a matrix that gives energy", rule, f"leave out what gives energy{other}")
     for contact in system.contacts:
         stops, records = contact.stops, [x for x in leaves(contact.offset) if isinstance(x, Sampled)]
         if not system.rigid:
-            stops.require_linear("the exact solution", damped=True)
+            stops.require_linear("the exact solution", damped=True, remedy=f"leave it out{other}")
             if stops.damping > 0.0 and records:
                 rule = "be made of Harmonic and Constant where the stop is damped"
-                raise InputError("contact.offset", contact.offset, rule, "use the adaptive solver cvode")
+                raise InputError("contact.offset", contact.offset, rule, f"leave the damping out{other}")
         elif not stops.rigid:
             raise InputError("contacts", "rigid and compliant ones", "be all of one kind", "take stiff ones for inf")
         elif stops.restitution is None:
@@ -120,9 +121,9 @@ def refuse(system: System, t_end: float) -> None:
             rule = "have a velocity at its samples, where it moves a rigid stop"
             raise InputError("contact.offset", contact.offset, rule, 'take samples of kind "cubic"')
     covered(system.time_functions, t_end)
+    require_closed_form(system.time_functions, "the exact solution")
     if not system.rigid:
-        return require_closed_form(system.time_functions, "a closed form")
-    require_closed_form(system.time_functions, "the exact solution with rigid stops", "use a scheme with an impact law")
+        return
     rows = np.array([contact.row for contact in system.contacts])
     # Dependent rows make row M^-1 row^T singular: impulses and reactions would not be unique.
     least, most = np.linalg.eigvalsh(rows @ np.linalg.solve(system.mass, rows.T))[[0, -1]]

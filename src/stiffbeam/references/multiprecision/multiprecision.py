@@ -23,7 +23,7 @@ from ...basics.resources import afford, clock, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import Marks
 from ...model.system import System
-from ...model.time_functions import Sampled, leaves
+from ...model.time_functions import Constant, Harmonic, leaves
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, require_short, switched_by_force
@@ -58,12 +58,12 @@ def solve(request: Request) -> Reference:
     if digits != "auto" and (isinstance(digits, bool) or not isinstance(digits, int) or not 20 <= digits <= MAX_DIGITS):
         raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}", "auto decides by itself")
     for contact in system.contacts:
-        contact.stops.require_compliant("multiprecision")
-    refuse(system, t_end)
+        contact.stops.require_compliant("multiprecision", "use the method exact, or a large one")
     for part in leaves(*system.time_functions):
-        if isinstance(part, Sampled):
+        if not isinstance(part, (Harmonic, Constant)):
             rule = "be made of Harmonic and Constant for multiprecision"
-            raise InputError("time function", part, rule, "use the method exact")
+            raise InputError("time function", part, rule, "use the method exact, and sample Python functions for it")
+    refuse(system, t_end)
     begun = clock()
     # Solve with more and more digits until two runs agree.
     wanted, guard = (_estimate(system, t_end) if digits == "auto" else int(digits)), GUARD_BITS
