@@ -22,8 +22,18 @@ from ..model.time_functions import Drive
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts
 from ..trajectory.trajectory import Reference, Trajectory
-from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
-from .report import report_of
+from .errors import (
+    ContactMeasures,
+    Matching,
+    after_rest,
+    longest_delay,
+    lost_fractions,
+    match,
+    relative_error,
+    rms,
+    run_of,
+)
+from .report import error_name, report_of
 
 if TYPE_CHECKING:
     import pandas
@@ -147,11 +157,7 @@ class Tables:
 
     def to_latex(self) -> str:
         """The tables for a paper, by booktabs."""
-        options: dict[str, Any] = {"index": False, "escape": True, "position": "ht"}
-        return "\n".join(
-            frame.to_latex(caption=title, column_format="l" + "r" * (len(frame.columns) - 1), **options)
-            for title, frame in report_of(self._all).tables
-        )
+        return report_of(self._all).latex()
 
     def figure(self) -> Figure:
         """The runs beside the reference, a matplotlib Figure."""
@@ -238,7 +244,8 @@ class Comparison(Tables):
 
     def __repr__(self) -> str:
         error = f"{100 * self.tip_error_rms:.3g} %"
-        return f"<Comparison {self.label} with {self.reference}: tip error {error} rms to t = {self.window:g}>"
+        name = error_name(self.pair[1])
+        return f"<Comparison {self.label} with {self.reference}: {name} {error} rms to t = {self.window:g}>"
 
 
 class Comparisons(Tables, tuple["Comparison", ...]):
@@ -323,7 +330,7 @@ def _compared(run: Any, reference: Reference) -> Comparison:
     together = min((c.matching.matched_until for c in contacts), default=window)
     unknown = any(contact.impacts.kind == "unknown" for contact in run.contacts)
     energy = run.energy if run.has_energy else None
-    lost = [float("nan") if energy is None else energy.lost_fraction(k - 1) for k in (inside, steps)]
+    lost = [np.nan] * 2 if energy is None else lost_fractions(energy, system, (inside - 1, steps - 1))
     # The lag is measured while the impacts match; past that, no shift makes the two motions alike.
     period = scales(system, float(reference.provenance["t_end"])).period
     lag = phase_lag(

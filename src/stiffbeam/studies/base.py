@@ -193,6 +193,10 @@ class Records:
         answer, lost = self.answer, [f"lost ({count}): {reason}" for reason, count in self.lost.items()]
         return Report([self.study.question(), answer.verdict], [("", answer.table)], [answer.notes, *lost])
 
+    def to_latex(self) -> str:
+        """The table of the answer for a paper, by booktabs."""
+        return self.report().latex()
+
     def __str__(self) -> str:
         return self.report().text()
 
@@ -374,13 +378,16 @@ def _described(value: Any, source: bool = False) -> Any:
 _SOLVED = Recent[Reference](4)
 
 
-def _listed(read: Callable[[str], list[Any]]) -> Parameter:
-    """Parameter whose texts are each read as a list."""
+def _listed(metavar: str, read: Callable[[str], list[Any]]) -> Parameter:
+    """Parameter whose texts are each read as a list, and whose help shows its default as such a text."""
+
+    def written(default: Sequence[Any] | None) -> str | None:
+        return default and ",".join(f"{x:g}" if isinstance(x, float) else str(x) for x in default)
 
     def convert(kind: Any, tokens: Sequence[Token]) -> list[Any]:
         return [value for token in tokens for value in read(token.value)]
 
-    return Parameter(converter=convert, n_tokens=1, negative=())
+    return Parameter(converter=convert, n_tokens=1, negative=(), metavar=metavar, show_default=written)
 
 
 def read_values(text: str) -> list[float]:
@@ -400,9 +407,9 @@ def read_values(text: str) -> list[float]:
     return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
 
 
-Labels = Annotated[Sequence[Any] | None, _listed(lambda text: [part.strip() for part in split_runs(text)])]
-Integers = Annotated[Sequence[int] | None, _listed(lambda text: list(map(int, text.split(","))))]
-Values = Annotated[Sequence[float] | None, _listed(read_values)]
+Labels = Annotated[Sequence[Any] | None, _listed("NAME,...", lambda text: [part.strip() for part in split_runs(text)])]
+Integers = Annotated[Sequence[int] | None, _listed("INT,...", lambda text: list(map(int, text.split(","))))]
+Values = Annotated[Sequence[float] | None, _listed("FLOAT,...", read_values)]
 
 
 VALUES = "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"
