@@ -16,18 +16,7 @@ from ..model.contact import Stops
 from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import (
-    COLOURS,
-    Axes,
-    Figure,
-    finish,
-    look,
-    new_figure,
-    say_empty,
-    shared_legend,
-    short,
-    tip_text,
-)
+from .chart import COLOURS, Axes, Figure, finish, look, new_figure, say_empty, shared_legend, short, tip_text
 
 
 def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
@@ -106,11 +95,12 @@ def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
 
 
 def observed(system: System | None) -> str:
-    """ " of contact 1, row 3", the contact at the observed point of matrices; "" for others."""
+    """The observed point of matrices in words, such as " of contact 1, row 3" or " of row 4"; "" of a beam."""
     if system is None or system.problem is not None:
         return ""
-    at = (f" of {contact_name(system, i)}" for i in range(len(system.contacts)) if system.reads_tip(i))
-    return next(at, "")
+    at = [f" of {contact_name(system, i)}" for i in range(len(system.contacts)) if system.reads_tip(i)]
+    rows = np.flatnonzero(system.channels[system.tip_channel][0])
+    return [*at, f" of row {rows[0]}" if len(rows) == 1 < system.size else ""][0]
 
 
 def tip_label(system: System | None, units: Units | None = None) -> str:

@@ -33,7 +33,7 @@ from .errors import (
     rms,
     run_of,
 )
-from .report import error_name, report_of
+from .report import WIDTH, Report, Reported, error_name, report_of
 
 if TYPE_CHECKING:
     import pandas
@@ -134,7 +134,7 @@ class ContactComparison:
     reference_totals: ContactMeasures
 
 
-class Tables:
+class Tables(Reported):
     """Views of one comparison or of several: tables and a picture."""
 
     @property
@@ -155,19 +155,16 @@ class Tables:
         frame.attrs["units"] = list(self._all[0].units)
         return frame
 
-    def to_latex(self) -> str:
-        """The tables for a paper, by booktabs."""
-        return report_of(self._all).latex()
-
     def figure(self) -> Figure:
         """The runs beside the reference, a matplotlib Figure."""
         return DRAW["comparison"](self._all)
 
-    def __str__(self) -> str:
-        return str(report_of(self._all))
+    def report(self) -> Report:
+        """The tables with remarks and notes."""
+        return report_of(self._all)
 
-    def _repr_html_(self) -> str:
-        return report_of(self._all).html()
+    def __str__(self) -> str:
+        return self.report().text(WIDTH)
 
 
 @dataclass(frozen=True, repr=False)

@@ -154,6 +154,24 @@ class Report:
         )  # fmt: skip
 
 
+class Reported:
+    """Views of what has a ``report``."""
+
+    def report(self) -> Report:
+        """Lines, tables and notes."""
+        raise NotImplementedError
+
+    def to_latex(self) -> str:
+        """The tables for a paper, by booktabs."""
+        return self.report().latex()
+
+    def __str__(self) -> str:
+        return self.report().text()
+
+    def _repr_html_(self) -> str:
+        return self.report().html()
+
+
 def _table_text(frame: Any, width: int | None) -> str:
     """Text of a table, its first column to the left; heads of several words are in two lines."""
     import pandas

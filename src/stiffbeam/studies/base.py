@@ -35,7 +35,7 @@ from ..figures.chart import Figure
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, integrators
 from ..measures.errors import Order, first_impacts_end, observed_order
-from ..measures.report import Report, extremes
+from ..measures.report import Report, Reported, extremes
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import covered
@@ -143,7 +143,7 @@ class Study:
 
 
 @dataclass(frozen=True, repr=False)
-class Records:
+class Records(Reported):
     """A study of a case with its table.
 
     Parameters
@@ -193,19 +193,9 @@ class Records:
         answer, lost = self.answer, [f"lost ({count}): {reason}" for reason, count in self.lost.items()]
         return Report([self.study.question(), answer.verdict], [("", answer.table)], [answer.notes, *lost])
 
-    def to_latex(self) -> str:
-        """The table of the answer for a paper, by booktabs."""
-        return self.report().latex()
-
-    def __str__(self) -> str:
-        return self.report().text()
-
     def __repr__(self) -> str:
         lost = sum(self.lost.values())
         return f"<Records {self.name} of {self.case.name}: {len(self.table)} rows, {lost} lost>"
-
-    def _repr_html_(self) -> str:
-        return self.report().html()
 
     def figure(self) -> Figure:
         """The picture under the answer."""
@@ -382,7 +372,7 @@ def _listed(metavar: str, read: Callable[[str], list[Any]]) -> Parameter:
     """Parameter whose texts are each read as a list, and whose help shows its default as such a text."""
 
     def written(default: Sequence[Any] | None) -> str | None:
-        return default and ",".join(f"{x:g}" if isinstance(x, float) else str(x) for x in default)
+        return None if default is None else ",".join(f"{x:g}" if isinstance(x, float) else str(x) for x in default)
 
     def convert(kind: Any, tokens: Sequence[Token]) -> list[Any]:
         return [value for token in tokens for value in read(token.value)]

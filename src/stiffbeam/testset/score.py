@@ -22,7 +22,7 @@ from ..files.columns import TIMES, bare, read_columns, time_of
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
 from ..measures.errors import Order, observed_order
-from ..measures.report import DASH, Report, short
+from ..measures.report import DASH, Report, Reported, short
 from ..references.registry import BEST
 from ..schemes import RIGID, SCHEMES
 from ..trajectory.records import ContactRecord
@@ -103,7 +103,7 @@ class Entry:
 
 
 @dataclass(frozen=True, repr=False)
-class Scorecard:
+class Scorecard(Reported):
     """Entries of a score, integrator by integrator and problem by problem.
 
     Parameters
@@ -201,19 +201,9 @@ class Scorecard:
         notes = [f"{x.who} on {x.on}: {x.outcome}, {x.reason}" for x in rows.itertuples()]
         return Report([f"{who}: {self.summary()}"], [("", self.table())], [head, *notes])
 
-    def to_latex(self) -> str:
-        """The table for a paper, by booktabs."""
-        return self.report().latex()
-
     def __repr__(self) -> str:
         counts = several(len(self.integrators), "integrator"), several(len(self.problems), "problem")
         return f"<Scorecard: {', '.join(counts)}, {len(self.flagged)} flagged>"
-
-    def __str__(self) -> str:
-        return self.report().text()
-
-    def _repr_html_(self) -> str:
-        return self.report().html()
 
     def figure(self, problem: str) -> Figure:
         """Errors of tip and impact times on a problem over the cost."""
