@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, overload
 
@@ -20,20 +20,10 @@ from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
 from ..trajectory.recorder import sampled_impacts
-from ..trajectory.records import Impacts
+from ..trajectory.records import Impacts, Ledger
 from ..trajectory.trajectory import Reference, Trajectory
-from .errors import (
-    ContactMeasures,
-    Matching,
-    after_rest,
-    longest_delay,
-    lost_fractions,
-    match,
-    relative_error,
-    rms,
-    run_of,
-)
-from .report import WIDTH, Report, Reported, error_name, report_of
+from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
+from .report import ROUNDING, WIDTH, Report, Reported, error_name, report_of
 
 if TYPE_CHECKING:
     import pandas
@@ -94,6 +84,14 @@ def phase_lag(
     bounds = float(shifts[best - 1]), float(shifts[best + 1])
     result: Any = minimize_scalar(J, bounds=bounds, method="bounded", options={"xatol": 1e-10})
     return PhaseLag(float(result.x) * tau_m, float(np.sqrt(max(0.0, result.fun) / scale)))
+
+
+def lost_fractions(ledger: Ledger, system: System, outputs: Iterable[int] = (-1,)) -> list[float]:
+    """``Ledger.lost_fraction`` at some outputs; NaN also where the energy supplied is rounding beside V^2/2, V of
+    ``scales``, as to a body that loads press on its stop."""
+    least = 0.5 * ROUNDING * scales(system, float(ledger.t[-1])).speed ** 2
+    supplied = ledger.supplied
+    return [ledger.lost_fraction(k) if supplied[k] > least else np.nan for k in map(int, outputs)]
 
 
 AT_REST = (

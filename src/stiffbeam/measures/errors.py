@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from ..basics.arrays import Array, step_lengths
 from ..basics.validation import InputError, positive
 from ..model.scales import scales
 from ..model.system import System
-from ..trajectory.records import Impacts, Ledger, at_rest_until
+from ..trajectory.records import Impacts, at_rest_until
 from ..trajectory.trajectory import Reference, Trajectory
 
 
@@ -114,17 +113,6 @@ def observed_order(steps: ArrayLike, errors: ArrayLike) -> Order:
     # A line through two points leaves no scatter to estimate.
     interval = float(stats.t.ppf(0.975, n - 2) * fit.stderr) if n > 2 else nan
     return Order(float(fit.slope), interval, constant, n)
-
-
-ROUNDING = 1e-9  # of an energy: less is rounding
-
-
-def lost_fractions(ledger: Ledger, system: System, outputs: Iterable[int] = (-1,)) -> list[float]:
-    """``Ledger.lost_fraction`` at some outputs; NaN also where the energy supplied is rounding beside V^2/2, V of
-    ``scales``, as to a body that loads press on its stop."""
-    least = 0.5 * ROUNDING * scales(system, float(ledger.t[-1])).speed ** 2
-    supplied = ledger.supplied
-    return [ledger.lost_fraction(k) if supplied[k] > least else float("nan") for k in map(int, outputs)]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from ..basics.units import with_unit
 from ..references.registry import REFERENCES
 from ..schemes.labels import short_label
 from ..trajectory.trajectory import Reference, Trajectory
-from .errors import ROUNDING, ContactMeasures
+from .errors import ContactMeasures
 
 if TYPE_CHECKING:
     from ..model.problem import BeamProblem
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 DASH = "–"
 WIDTH = 100  # letters of a line of text
+ROUNDING = 1e-9  # of an energy: less is rounding
 
 
 def short(label: str) -> str:
@@ -138,24 +139,9 @@ class Report:
     def __str__(self) -> str:
         return self.text(WIDTH)
 
-    def html(self) -> str:
-        """The report for a notebook."""
-        tables = [f"<p><b>{escape(title)}</b></p>" * bool(title) + frame.to_html(index=False, na_rep=DASH)
-                  for title, frame in self.tables if len(frame)]  # fmt: skip
-        before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines if x) for lines in (self.before, self.after))
-        return before + "".join(tables) + after
-
-    def latex(self) -> str:
-        """The tables for a paper, by booktabs."""
-        options: dict[str, Any] = {"index": False, "escape": True, "position": "ht", "na_rep": DASH}
-        return "\n".join(
-            frame.to_latex(caption=title or None, column_format="l" + "r" * (len(frame.columns) - 1), **options)
-            for title, frame in self.tables if len(frame)
-        )  # fmt: skip
-
 
 class Reported:
-    """Views of what has a ``report``."""
+    """Views of what has a ``report``: as text, for a notebook, for a paper."""
 
     def report(self) -> Report:
         """Lines, tables and notes."""
@@ -163,13 +149,21 @@ class Reported:
 
     def to_latex(self) -> str:
         """The tables for a paper, by booktabs."""
-        return self.report().latex()
+        options: dict[str, Any] = {"index": False, "escape": True, "position": "ht", "na_rep": DASH}
+        return "\n".join(
+            frame.to_latex(caption=title or None, column_format="l" + "r" * (len(frame.columns) - 1), **options)
+            for title, frame in self.report().tables if len(frame)
+        )  # fmt: skip
 
     def __str__(self) -> str:
         return self.report().text()
 
     def _repr_html_(self) -> str:
-        return self.report().html()
+        report = self.report()
+        tables = [f"<p><b>{escape(title)}</b></p>" * bool(title) + frame.to_html(index=False, na_rep=DASH)
+                  for title, frame in report.tables if len(frame)]  # fmt: skip
+        before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines if x) for lines in (report.before, report.after))
+        return before + "".join(tables) + after
 
 
 def _table_text(frame: Any, width: int | None) -> str:

@@ -170,17 +170,14 @@ class Chaos(Study):
 
 
 def _keep_most(axis: Axes, values: Array) -> str:
-    """Cut off what lies farther out than the middle nine tenths of the values are wide. Returns their number in
-    words."""
-    if not len(values):
+    """Cut off what lies farther out than the middle nine tenths of the values are wide; their number in words."""
+    low, high = np.quantile(values, [0.05, 0.95]) if len(values) else (0.0, 0.0)
+    out = (values < 2.0 * low - high) | (values > 2.0 * high - low)
+    if not np.any(out):
         return ""
-    low, high = np.quantile(values, [0.05, 0.95])
-    shown = values[(values >= 2.0 * low - high) & (values <= 2.0 * high - low)]
-    left = len(values) - len(shown)
-    if left:
-        ends = min(0.0, shown.min()), max(0.0, shown.max())
-        axis.set_xlim(ends[0] - 0.05 * (ends[1] - ends[0]), ends[1] + 0.05 * (ends[1] - ends[0]))
-    return f" ({left} farther out)" if left else ""
+    ends = np.array([values[~out].min(initial=0.0), values[~out].max(initial=0.0)])
+    axis.set_xlim(*(ends + 0.05 * np.ptp(ends) * np.array([-1.0, 1.0])))
+    return f" ({np.sum(out)} farther out)"
 
 
 def _recorded(system: System) -> float:

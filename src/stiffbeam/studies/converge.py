@@ -17,7 +17,8 @@ from ..basics.validation import InputError, positive
 from ..figures.chart import Axes, Figure, lines, log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
 from ..integrators import SCHEME, SOLVER, Integrator, fastest
-from ..measures.errors import Order, lost_fractions, matched_until, observed_order, tip_error
+from ..measures.comparison import lost_fractions
+from ..measures.errors import Order, matched_until, observed_order, tip_error
 from ..measures.frequencies import smooth_motion, smooth_period
 from ..measures.report import DASH, energy_share
 from ..model.scales import scales

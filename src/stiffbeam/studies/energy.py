@@ -11,8 +11,8 @@ import pandas as pd
 from ..figures.chart import Axes, Figure, lines, name_lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.errors import ROUNDING, lost_fractions
-from ..measures.report import DASH, energy_share, extremes
+from ..measures.comparison import lost_fractions
+from ..measures.report import DASH, ROUNDING, energy_share, extremes
 from ..trajectory.trajectory import Trajectory
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -20,8 +20,6 @@ from .base import Answer, Row, Study, Table, option
 OUTPUTS = 200  # times at which the energy balance is kept
 MOST = 100.0  # per cent: a longer bar ends here, beside its number
 PARTS = (("lost_in_contact", "in contact", "0.3", -0.18), ("lost_free", "between impacts", "0.65", 0.18))
-GAINED = 1e-3  # of the energy supplied: a gain between impacts that is explained
-REGAINED = " Gains between impacts: of the first steps after a contact, which still use its force."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +72,7 @@ class Energy(Study):
             for row in last[last.lost_fraction.notna() & (last.scheme == "exact")].itertuples()
         ]
         schemes = last[(last.scheme != "exact") & (last.form == table.form.iloc[0])]
-        lost, none = schemes.set_index("scheme").lost_fraction.dropna().to_dict(), schemes.lost_fraction.isna()
+        lost = schemes.set_index("scheme").lost_fraction.dropna().to_dict()
         small = pd.DataFrame(
             {"scheme": schemes.scheme, "energy lost": schemes.lost_fraction.map(energy_share)}
             | {words: _share(schemes, part).map(energy_share) for part, words, *_ in PARTS}
@@ -83,18 +81,14 @@ class Energy(Study):
         verdict = (
             f"Schemes lose {extremes(lost, energy_share)} of the energy supplied to t = {end}, the exact flow none."
         )
-        reasons = {"the steps do not resolve the work of dampers": none & ~schemes.sure,
-                   "almost no energy is supplied": none & schemes.sure}  # fmt: skip
-        why = " or ".join(reason for reason, holds in reasons.items() if holds.any())
-        if not lost and why:
+        why = "almost no energy is supplied" if schemes.sure.all() else "the steps do not resolve the work of dampers"
+        if not lost and len(schemes):
             verdict = f"No loss of a scheme is known to t = {end}: {why}."
         notes = (
             "Shares of the energy supplied: initial energy plus the most work of the loads. Single runs. The energy "
             f"balance of the exact flow closes to {', '.join(closed) or DASH}."
         )
-        notes += f" {DASH}: {why}." * bool(why)
-        regained = _share(schemes, "lost_free").min() < -GAINED
-        return Answer(verdict, small, notes + REGAINED * bool(regained))
+        return Answer(verdict, small, notes + f" {DASH}: {why}." * (len(lost) < len(schemes)))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Above: energy lost over time. Below: for each form the shares of the supplied energy lost at the end."""

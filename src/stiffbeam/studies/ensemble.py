@@ -21,8 +21,8 @@ from ..basics.units import with_unit
 from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, say_empty, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
-from ..measures.errors import ROUNDING, lost_fractions
-from ..measures.report import DASH, extremes, percent
+from ..measures.comparison import lost_fractions
+from ..measures.report import DASH, ROUNDING, extremes, percent
 from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged

@@ -302,9 +302,9 @@ def score(
             for k, each in enumerate(chosen):
                 show(f"{runner.label}: {each.name}", i * len(chosen) + k, len(runners) * len(chosen))
                 entry = _entry(runner, each, smooth)
-                if each.name == SMOOTH and not entry.adaptive and (order := entry.order_in("tip_error")).points >= 3:
+                if each.name == SMOOTH and entry.order.points >= 3:
                     # Its order with contact follows from that without, even if it states a lower one.
-                    smooth = float(np.nanmax([smooth, order.slope]))
+                    smooth = float(np.nanmax([smooth, entry.order_in("tip_error").slope]))
                     entry = verdict(entry, smooth)
                 entries.append(entry)
     return Scorecard(tuple(entries))
@@ -409,19 +409,20 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     limit = entry.problem.order_limit
     # Whatever converges is of first order at least where the motion is smooth.
     expected = min(float(np.fmax(smooth, 1.0)), limit) if limit > 0.0 else NAN
-    errors = {name: np.abs([run[name] for run in entry.runs]) for name in QUANTITIES}
-    entry = replace(entry, order=entry.order_in("tip_error"), expected=expected, outcome=CONVERGES, reason="")
-    return replace(entry, **next(_faults(entry, levels, errors, smooth), {}))
+    judged = {"order": entry.order_in("tip_error"), "expected": expected, "order_of": "tip"}
+    entry = replace(entry, **judged, outcome=CONVERGES, reason="")
+    return replace(entry, **next(_faults(entry, levels, smooth), {}))
 
 
-def _faults(entry: Entry, levels: Array, errors: dict[str, Array], smooth: float) -> Iterator[dict[str, Any]]:
+def _faults(entry: Entry, levels: Array, smooth: float) -> Iterator[dict[str, Any]]:
     """Outcome and reason of each fault of fixed-step runs, the worst first, with the order that is judged."""
     limit = entry.problem.order_limit
     least = {
         "impact_time_error": entry.problem.t_end / levels[-1],
         "velocity_error": COARSE if limit <= 0.0 else 1.0 / levels[-1] if limit <= 1.0 else FLOOR,
     }
-    for name, of in errors.items():
+    for name in QUANTITIES:
+        of = np.abs([run[name] for run in entry.runs])
         if np.all(np.isfinite(of)) and of[-1] > least.get(name, FLOOR) and (last := _stays(levels, of)):
             steps = f"in {levels[-last]:g} to {levels[-1]:g} steps"
             yield {"outcome": STAYS, "reason": f"{QUANTITIES[name]} from {of[-last]:.1e} to {of[-1]:.1e} {steps}"}
