@@ -161,13 +161,14 @@ def mark_order(axis: Axes, orders: Sequence[float], y: float = 0.05) -> None:
 
 def signed_log(axis: Axes, threshold: float) -> None:
     """A logarithmic y axis; where some of what is drawn lies below ``threshold``, linear around zero."""
+    threshold = 10.0 ** np.floor(np.log10(threshold))  # a power of ten, where a tick is
     low, high = axis.dataLim.y0, axis.dataLim.y1
     if low > threshold:
         log_scale(axis, x=False)
         return
     decades = np.log10(max(-low, high, threshold) / threshold)
-    # The linear part is as wide as an eighth of all decades, so that the ticks at its ends stay apart from zero's.
-    axis.set_yscale("symlog", linthresh=threshold, linscale=max(1.0, decades / 4.0))
+    # The linear part is as wide as a twelfth of all decades, so that the ticks at its ends stay apart from zero's.
+    axis.set_yscale("symlog", linthresh=threshold, linscale=max(1.0, decades / 6.0))
     axis.set_ylim(min(2.0 * low, -threshold), max(2.0 * high, threshold))
     locator: Any = axis.yaxis.get_major_locator()
     locator.set_params(numticks=7)
