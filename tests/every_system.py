@@ -91,6 +91,9 @@ BENCHES: dict[str, Bench] = {
         *chain([1.0, 1.0, 1.0, 0.5], [400.0, 400.0, 400.0, 0.0]), None,
         [([0.0, 0.0, 1.0, -1.0], sb.Stops(upper=0.05, **HERTZ))], v=[0.0, 0.0, 0.0, -1.0],
     ), 1e-3, 1.0),
+    "pressed on a rigid stop": (one_mass(
+        100.0, rigid(0.8, 0.0), load=sb.Superposition(sb.Constant(-3.0), sb.Harmonic(1.0, 3.0))
+    ), 1e-3, 2.0),
     "preloaded stop": (one_mass(
         50.0, sb.Stops(upper=-0.02, stiffness=1e3), damping=0.2, load=sb.Harmonic(4.0, 6.0), q=-0.02
     ), 1e-3, 3.0),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,8 +19,9 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.cli.commands import OWN
-from stiffbeam.files.cases import paper_cases
+from stiffbeam.files.cases import find_case, paper_cases
 from stiffbeam.references import registry
+from stiffbeam.studies.doubt import Doubt
 
 MINE = """
 [[case]]
@@ -239,6 +241,30 @@ def test_the_help_of_a_command_has_every_option_with_its_help(words, command, mo
     for line in out.splitlines():
         if " --" in line[:8]:
             assert len(line.strip("│ ").split()) > 2, line
+    assert not re.search(r"ANY|\(\D?'|\(\d|None|default: \]", out)  # what a user types, not what Python holds
+
+
+def test_the_remedy_of_doubt_is_one_for_the_command_line(command, monkeypatch, tmp_path):
+    """It is followed to the letter: a case of the paper with the two lines at its end."""
+    code, _, err = command("doubt", "table10", "--members", "8")
+    assert code == 2
+    line = re.search(r'stiffbeam (cases --show table10) > (\S+?)"', err)
+    head, ranges = re.search(r"with (\[case\.\w+\]) and (\S+ = \[.*?\])", err).groups()
+    _, text, _ = command(*line[1].split())
+    Path(line[2]).write_text(f"{text}\n{head}\n{ranges}\n", encoding="utf-8")
+    case = find_case(line[2])
+    Doubt().require(case)
+    assert case.uncertain == {"stops.stiffness": (4.5e6, 5.5e6)}
+
+
+def test_several_trajectories_are_one_score(command):
+    known = sb.problem("bilinear-gap")
+    for n in (400, 800, 1600):
+        run = sb.integrate(known.system, sb.BDF2(), known.t_end / n, known.t_end)
+        np.savetxt(f"{n}.csv", np.c_[run.t, run.tip, run.tip_velocity], delimiter=",", header="t,u,v", comments="")
+    code, out, err = command("score", "--problem", "bilinear-gap", "--trajectory", "400.csv", "800.csv", "1600.csv")
+    assert (code, err) == (0, "")
+    assert out.startswith("3 files: 1 converges")
 
 
 def test_a_study_prints_its_answer_and_writes_table_text_and_picture(command, tmp_path):

@@ -14,6 +14,7 @@ from stiffbeam.studies.base import chosen_schemes, takes
 
 # What may be refused, by the study that may refuse it: no other reason is good enough.
 REFUSED = {
+    "chaos": "the motion at the observed point is rounding",
     "space": "be a beam with a grid",
     "rigid": "0 for rigid stops|at one place|at rest for rigid stops|for a limit of rigid stops",
     "sweep": "without a period|move at the drive's frequency|exactly one Harmonic drive",
@@ -33,7 +34,9 @@ OPTIONS = {  # of a run of seconds
     "space": {"cells": [6, 8, 12], "finest": 20},
     "sweep": {"count": 4, "periods": 3, "transient": 1},
 }  # fmt: skip
-FAST = {("modes", "feeder"), ("converge", "feeder"), ("chaos", "feeder"), ("energy", "chain"),
+MOST = 1e4  # per cent in a sentence or a table
+FAST = {("energy", "pressed on a rigid stop"), ("chaos", "pressed on a rigid stop"),
+        ("modes", "feeder"), ("converge", "feeder"), ("chaos", "feeder"), ("energy", "chain"),
         ("sweep", "two bodies with a dashpot between"), ("ensemble", "rigid impact damper")}  # fmt: skip
 
 
@@ -81,7 +84,26 @@ def answers_or_refuses(study: str, system: sb.System, dt: float, t_end: float, m
     if not len(records.found):
         assert records.lost
         return
-    assert any(c.isdigit() for c in records.answer.verdict + records.answer.notes)
-    for axis in records.figure().axes:
+    answer = records.answer.verdict + records.answer.notes
+    assert any(c.isdigit() for c in answer) or answer.startswith("No orbit was found: ")
+    for share in re.findall(r"(-?[\d.]+(?:e[+-]\d+)?) %", str(records)):
+        assert abs(float(share)) <= MOST, str(records)  # a share of nothing, or of what cancels, is none
+    figure = records.figure()
+    for axis in figure.axes:
         drawn = axis.get_xlabel() or axis.texts  # a panel without curves says why
         assert drawn or axis.get_label() == "<colorbar>" or axis.get_shared_x_axes().get_siblings(axis) != [axis]
+    assert_legends_hide_nothing(figure)
+
+
+def assert_legends_hide_nothing(figure) -> None:
+    """Every legend lies in the picture, and beside all bars and their numbers; a single panel has no letter."""
+    figure.draw_without_rendering()
+    whole, legends = figure.bbox, [*figure.legends, *filter(None, (axis.get_legend() for axis in figure.axes))]
+    for legend in legends:
+        box = legend.get_window_extent()
+        assert whole.x0 - 1.0 <= box.x0 <= box.x1 <= whole.x1 + 1.0, [x.get_text() for x in legend.get_texts()]
+        for axis in figure.axes:
+            covered = [*axis.patches, *axis.texts]
+            assert not any(box.overlaps(x.get_window_extent()) for x in covered if x is not axis.patch)
+    if len(figure.axes) == 1:
+        assert not figure.axes[0].get_title(loc="left").startswith("(")

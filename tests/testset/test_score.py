@@ -174,9 +174,28 @@ def test_an_impact_at_one_time_in_nested_steps_is_no_fault():
     ids=["velocity of the step before", "of half a step before", "ends in NaN where steps are short", "in reverse"],
 )
 def test_spoilt_arrays_are_found(change, outcome, reason):
-    (entry,) = sb.score(lambda *arguments: change(*right(*arguments)), "two-mass-chain").entries
+    card = sb.score(lambda *arguments: change(*right(*arguments)), "two-mass-chain")
+    (entry,) = card.entries
     assert entry.outcome == outcome
     assert reason in entry.reason
+    if outcome == LOW_ORDER:  # the row has the numbers that are judged
+        row = card.table().iloc[0]
+        assert entry.reason == f"{row.order}, {row.expected} expected"
+        assert card.to_latex().count(row.order) == 1
+
+
+def test_an_error_that_no_longer_falls_is_quoted_where_it_does_not():
+    """Of a tip that is cut off at the stop the coarse runs are worse, and the last ones alike."""
+
+    def cut(system, dt, t_end):
+        t, u, v = right(system, dt, t_end)
+        return t, np.minimum(u, 0.999 * system.contacts[0].stops.upper_bound), v
+
+    (entry,) = sb.score(cut, "two-mass-chain").entries
+    errors = [float(x) for x in re.findall(r"\d\.\de-\d+", entry.reason)]
+    assert entry.outcome == STAYS
+    assert entry.runs[0]["tip_error"] > 2.0 * max(errors)
+    assert max(errors) <= 1.1 * min(errors)
 
 
 def test_a_missing_impact_is_flagged_and_never_converges():

@@ -302,7 +302,7 @@ def _draw(result: CaseComparison, folder: Path) -> Path:
     case, labels = result.case, {run.label for run in result.runs}
     own = [c for c in result.comparisons if c.label in labels]
     details = f"{result.references[0].provenance['form']}, dt = {case.dt:g}, {case.grid}"
-    title = f"{heading(case, verdict(own) if own else case.title)}\n{details}"
+    title = f"{heading(case, verdict(own) if own else case.title)}; {details}"
     return save_figure(comparison_figure(result.comparisons, title), folder / "comparison.png")
 
 
@@ -359,7 +359,8 @@ def reference(
 
 
 def score(
-    integrators: str | None = None, *, problem: str | None = None, trajectory: list[Path] | None = None,
+    integrators: str | None = None, *, problem: str | None = None,
+    trajectory: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     out: Path | None = None, json: Json = None,
 ) -> int:  # fmt: skip
     """Errors and orders of integrators on problems with known answers.
@@ -376,7 +377,7 @@ def score(
     problem
         Comma-separated names; by default all, in minutes for a function in Python.
     trajectory
-        Score this file instead: columns t, u and, if known, v; repeat for other time steps.
+        Score these files instead, one for each time step: columns t, u and, if known, v.
     out
         Folder for table, records and pictures.
     """

@@ -18,7 +18,7 @@ from zlib import crc32
 import numpy as np
 
 from ..basics.storage import write_whole
-from ..measures.report import short
+from ..measures.report import point_name, short
 from ..references.registry import REFERENCES
 from ..schemes import RIGID, SCHEMES
 
@@ -161,6 +161,7 @@ def mark_order(axis: Axes, orders: Sequence[float], y: float = 0.05) -> None:
 
 def signed_log(axis: Axes, threshold: float) -> None:
     """A logarithmic y axis; where some of what is drawn lies below ``threshold``, linear around zero."""
+    threshold = 10.0 ** np.floor(np.log10(threshold))  # a power of ten, where a tick is
     low, high = axis.dataLim.y0, axis.dataLim.y1
     if low > threshold:
         log_scale(axis, x=False)
@@ -198,9 +199,13 @@ def panel_legend(axis: Axes) -> None:
 
 def shared_legend(figure: Figure, columns: int = 4, axes: Iterable[Axes] | None = None) -> None:
     """One legend below all panels, with every label of ``axes`` once, of all of them by default."""
-    if entries := legend_entries(figure.axes if axes is None else axes):
-        figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, frameon=False,
-                      fontsize=9, handlelength=3.2)  # fmt: skip
+    entries = legend_entries(figure.axes if axes is None else axes)
+    for number in range(columns if entries else 0, 0, -1):  # as many columns as the picture is wide
+        legend = figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=number,
+                               frameon=False, fontsize=9, handlelength=3.2)  # fmt: skip
+        if number == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
 
 
 def heading(case: Case, text: str) -> str:
@@ -212,11 +217,11 @@ def heading(case: Case, text: str) -> str:
 def tip_text(problem: BeamProblem | None, quantity: str = "", t: str = "t") -> str:
     """Name, quantity and symbol of the observed displacement: u(1, t) as in the paper, u(L, t) of a beam that is not of
     length 1, mid-span u(L/2, t) where its end is held, u(t) of matrices."""
-    if problem is None:
-        return f"{quantity} $u({t})$".strip()
-    free, end = problem.ends[1] == "free", "1" if problem.length == 1.0 and not problem.units else "L"
-    name, place = ("tip", end) if free else ("mid-span", f"{end}/2")
-    return " ".join(filter(None, [name, quantity, f"$u({place}, {t})$"]))
+    name, place = point_name(problem), ""
+    if problem is not None:
+        end = "1" if problem.length == 1.0 and not problem.units else "L"
+        place = f"{end}, " if name == "tip" else f"{end}/2, "
+    return " ".join(filter(None, [name, quantity, f"$u({place}{t})$"]))
 
 
 def save_figure(figure: Figure, file: str | Path) -> Path:
@@ -257,8 +262,10 @@ def finish(figure: Figure, title: str) -> None:
     # No line begins with the % of a number or with an equals sign.
     held = title.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
     figure.suptitle(textwrap.fill(held, width, break_on_hyphens=False).replace("\u00a0", " "), fontsize=11)
-    for letter, axis in zip(ascii_letters, [x for x in figure.axes if x.get_label() != "<colorbar>"], strict=False):
-        axis.set_title(f"({letter}) {axis.get_title(loc='center')}", loc="left", fontsize=10.5)
+    panels = [axis for axis in figure.axes if axis.get_label() != "<colorbar>"]
+    for letter, axis in zip(ascii_letters, panels, strict=False):
+        name = f"({letter}) " * (len(panels) > 1) + axis.get_title(loc="center")
+        axis.set_title(name, loc="left", fontsize=10.5)
         axis.set_title("", loc="center")
         if not _drawn(axis):
             axis.set(xlabel="", ylabel="")

@@ -15,18 +15,7 @@ from ..model.contact import Stops
 from ..model.scales import scales
 from ..model.system import System
 from ..trajectory.trajectory import Reference, Trajectory
-from .chart import (
-    COLOURS,
-    Axes,
-    Figure,
-    finish,
-    look,
-    new_figure,
-    say_empty,
-    shared_legend,
-    short,
-    tip_text,
-)
+from .chart import COLOURS, Axes, Figure, finish, look, new_figure, say_empty, shared_legend, short, tip_text
 
 
 def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
@@ -54,7 +43,7 @@ def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
         axis.set(title=name, xlabel=with_unit(system.units, "time $t$", "time"))
         return axis
 
-    _draw_positions(panel(f"displacement to the horizon t = {window:.3g}"), main, runs, 0.0, window)
+    _draw_positions(panel(f"displacement{observed(system)} to t = {window:.3g}"), main, runs, 0.0, window)
     horizons = "; lines: horizons" * any(isinstance(x, Reference) and x.horizon < window for x in runs)
     _draw_errors(panel(f"error{horizons}"), main, runs, results, window)
     for i in contacts:
@@ -102,6 +91,15 @@ def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
     """Numbers of the contacts that a picture shows: the first six that a run touches."""
     records = [i for run in runs for i, x in enumerate(run.contacts) if x.impacts.count or x.fraction]
     return sorted(set(records))[:6]
+
+
+def observed(system: System | None) -> str:
+    """The observed point of matrices in words, such as " of contact 1, row 3" or " of row 4"; "" of a beam."""
+    if system is None or system.problem is not None:
+        return ""
+    at = [f" of {contact_name(system, i)}" for i in range(len(system.contacts)) if system.reads_tip(i)]
+    rows = np.flatnonzero(system.channels[system.tip_channel][0])
+    return [*at, f" of row {rows[0]}" if len(rows) == 1 < system.size else ""][0]
 
 
 def tip_label(system: System | None, units: Units | None = None) -> str:
@@ -225,7 +223,7 @@ def run_figure(run: Trajectory) -> Figure:
     units, beam, colour = run.units, run.system.problem if run.system else None, line_of(run)["color"]
     figure = new_figure(7.6)
     tip, force, portrait, energy = figure.subplots(2, 2).ravel()
-    for axis, title in ((tip, "displacement"), (force, "contact"), (energy, "energy")):
+    for axis, title in ((tip, f"displacement{observed(run.system)}"), (force, "contact"), (energy, "energy")):
         axis.set(title=title, xlabel=with_unit(units, "time $t$", "time"))
         if isinstance(run, Reference) and run.horizon < run.t[-1]:
             axis.axvline(run.horizon, color="0.4", lw=0.9, ls="--")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, overload
 
@@ -19,10 +19,10 @@ from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
 from ..trajectory.recorder import sampled_impacts
-from ..trajectory.records import Impacts
+from ..trajectory.records import Impacts, Ledger
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
-from .report import report_of
+from .report import ROUNDING, WIDTH, Report, Reported, error_name, report_of
 
 if TYPE_CHECKING:
     import pandas
@@ -85,6 +85,14 @@ def phase_lag(
     return PhaseLag(float(result.x) * tau_m, float(np.sqrt(max(0.0, result.fun) / scale)))
 
 
+def lost_fractions(ledger: Ledger, system: System, outputs: Iterable[int] = (-1,)) -> list[float]:
+    """``Ledger.lost_fraction`` at some outputs; NaN also where the energy supplied is rounding beside V^2/2, V of
+    ``scales``, as to a body that loads press on its stop."""
+    least = 0.5 * ROUNDING * scales(system, float(ledger.t[-1])).speed ** 2
+    supplied = ledger.supplied
+    return [ledger.lost_fraction(k) if supplied[k] > least else np.nan for k in map(int, outputs)]
+
+
 AT_REST = (
     "Nothing moves: the system starts at rest and nothing drives it. Give it a base motion, a load or initial data."
 )
@@ -123,7 +131,7 @@ class ContactComparison:
     reference_totals: ContactMeasures
 
 
-class Tables:
+class Tables(Reported):
     """Views of one comparison or of several: tables and a picture."""
 
     @property
@@ -144,23 +152,16 @@ class Tables:
         frame.attrs["units"] = list(self._all[0].units)
         return frame
 
-    def to_latex(self) -> str:
-        """The tables for a paper, by booktabs."""
-        options: dict[str, Any] = {"index": False, "escape": True, "position": "ht"}
-        return "\n".join(
-            frame.to_latex(caption=title, column_format="l" + "r" * (len(frame.columns) - 1), **options)
-            for title, frame in report_of(self._all).tables
-        )
-
     def figure(self) -> Figure:
         """The runs beside the reference, a matplotlib Figure."""
         return DRAW["comparison"](self._all)
 
-    def __str__(self) -> str:
-        return str(report_of(self._all))
+    def report(self) -> Report:
+        """The tables with remarks and notes."""
+        return report_of(self._all)
 
-    def _repr_html_(self) -> str:
-        return report_of(self._all).html()
+    def __str__(self) -> str:
+        return self.report().text(WIDTH)
 
 
 @dataclass(frozen=True, repr=False)
@@ -237,7 +238,8 @@ class Comparison(Tables):
 
     def __repr__(self) -> str:
         error = f"{100 * self.tip_error_rms:.3g} %"
-        return f"<Comparison {self.label} with {self.reference}: tip error {error} rms to t = {self.window:g}>"
+        name = error_name(self.pair[1])
+        return f"<Comparison {self.label} with {self.reference}: {name} {error} rms to t = {self.window:g}>"
 
 
 class Comparisons(Tables, tuple["Comparison", ...]):
@@ -322,7 +324,7 @@ def _compared(run: Any, reference: Reference) -> Comparison:
     together = min((c.matching.matched_until for c in contacts), default=window)
     unknown = any(contact.impacts.kind == "unknown" for contact in run.contacts)
     energy = run.energy if run.has_energy else None
-    lost = [float("nan") if energy is None else energy.lost_fraction(k - 1) for k in (inside, steps)]
+    lost = [np.nan] * 2 if energy is None else lost_fractions(energy, system, (inside - 1, steps - 1))
     # The lag is measured while the impacts match; past that, no shift makes the two motions alike.
     period = scales(system, float(reference.provenance["t_end"])).period
     lag = phase_lag(

@@ -89,8 +89,8 @@ class Order:
 
     @property
     def unclear(self) -> bool:
-        """Return True if the interval is too wide for a convergence rate."""
-        return 2.0 * self.interval > WIDEST
+        """Return True if the interval is too wide for a convergence rate, or wider than the order itself."""
+        return 2.0 * self.interval > min(WIDEST, abs(self.slope))
 
     def __str__(self) -> str:
         if self.unclear:

@@ -17,10 +17,12 @@ from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures
 
 if TYPE_CHECKING:
+    from ..model.problem import BeamProblem
     from .comparison import Comparison, ContactComparison
 
 DASH = "–"
 WIDTH = 100  # letters of a line of text
+ROUNDING = 1e-9  # of an energy: less is rounding
 
 
 def short(label: str) -> str:
@@ -44,6 +46,21 @@ def percent(value: float) -> str:
         return DASH
     form = ".2g" if abs(hundredths) < 99.5 else ".0f"
     return f"{hundredths:{form if 1e-4 <= abs(hundredths) < 1e5 or not value else '.0e'}} %"
+
+
+def energy_share(value: float) -> str:
+    """A share of the energy supplied in per cent; rounding is 0."""
+    return percent(0.0 if abs(value) <= ROUNDING else value)
+
+
+def point_name(problem: BeamProblem | None) -> str:
+    """Name of the observed point: the tip of a beam, its mid-span where its end is held, "" of matrices."""
+    return "" if problem is None else "tip" if problem.ends[1] == "free" else "mid-span"
+
+
+def error_name(run: Trajectory) -> str:
+    """Name of the error of the observed displacement: "tip error" of a beam, "error" of matrices."""
+    return f"{point_name(run.system and run.system.problem)} error".strip()
 
 
 def largest(run: Trajectory) -> str:
@@ -78,13 +95,14 @@ def verdict(comparisons: Sequence[Comparison]) -> str:
     """A sentence on runs with one reference: how long their impacts match, or how far off the tip is, see
     ``extremes``."""
     known = {c.label: c.matched_until for c in comparisons if c.contacts and np.isfinite(c.matched_until)}
+    name = error_name(comparisons[0].pair[1])
     if not known:
         errors = extremes({c.label: c.tip_error_rms for c in comparisons}, percent)
-        return f"tip error {errors} rms to t = {comparisons[0].window:.3g}"
+        return f"{name} {errors} rms to t = {comparisons[0].window:.3g}"
     if len(comparisons) == 1:
         (one,) = comparisons
         error = percent(one.tip_error_to(one.matched_until))
-        return f"impacts match to t = {one.matched_until:.3g}, tip error {error} rms"
+        return f"impacts match to t = {one.matched_until:.3g}, {name} {error} rms"
     return f"impacts match to t = {extremes(known, '{:.3g}'.format)}"
 
 
@@ -120,11 +138,30 @@ class Report:
     def __str__(self) -> str:
         return self.text(WIDTH)
 
-    def html(self) -> str:
-        """The report for a notebook."""
+
+class Reported:
+    """Views of what has a ``report``: as text, for a notebook, for a paper."""
+
+    def report(self) -> Report:
+        """Lines, tables and notes."""
+        raise NotImplementedError
+
+    def to_latex(self) -> str:
+        """The tables for a paper, by booktabs."""
+        options: dict[str, Any] = {"index": False, "escape": True, "position": "ht", "na_rep": DASH}
+        return "\n".join(
+            frame.to_latex(caption=title or None, column_format="l" + "r" * (len(frame.columns) - 1), **options)
+            for title, frame in self.report().tables if len(frame)
+        )  # fmt: skip
+
+    def __str__(self) -> str:
+        return self.report().text()
+
+    def _repr_html_(self) -> str:
+        report = self.report()
         tables = [f"<p><b>{escape(title)}</b></p>" * bool(title) + frame.to_html(index=False, na_rep=DASH)
-                  for title, frame in self.tables if len(frame)]  # fmt: skip
-        before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines if x) for lines in (self.before, self.after))
+                  for title, frame in report.tables if len(frame)]  # fmt: skip
+        before, after = ("".join(f"<p>{escape(x)}</p>" for x in lines if x) for lines in (report.before, report.after))
         return before + "".join(tables) + after
 
 
@@ -186,6 +223,7 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
     import pandas
 
     first, touched, common = comparisons[0], _touched(comparisons), common_window(comparisons)
+    error = error_name(first.pair[1])
     lag, delay, force, impulse = (
         with_unit(first.units, *name)
         for name in (("lag", "time"), ("impact delay", "time"), ("peak force", "force"), ("impulse", "impulse"))
@@ -193,10 +231,11 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
 
     def of_run(c: Comparison) -> dict[str, str]:
         if to_end:
-            return {"ns per step": number(c.ns_per_step), "energy lost": percent(c.totals_energy_lost)}
+            return {"ns per step": number(c.ns_per_step), "energy lost": energy_share(c.totals_energy_lost)}
         return {
-            "tip error": percent(c.tip_error_to(min(common, c.window))), lag: number(c.phase.lag, 2),
-            "energy lost": percent(c.energy_lost), "impacts right to": _until(c.matched_until, c.window, first.window),
+            error: percent(c.tip_error_to(min(common, c.window))), lag: number(c.phase.lag, 2),
+            "energy lost": energy_share(c.energy_lost),
+            "impacts right to": _until(c.matched_until, c.window, first.window),
         }  # fmt: skip
 
     def of_contact(c: Comparison, run: bool, contact: ContactComparison | None) -> dict[str, str]:
@@ -221,7 +260,7 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
         rows.append({"run": name} | alone | (of_run(c) if run else {}))
         for i in touched if len(touched) > 1 else ():
             rows.append({"run": f"  {c.contacts[i].name}"} | of_contact(c, run, c.contacts[i]))
-    order = ["run", "ns per step", "tip error", lag, delay, "energy lost", "impacts right to", "impacts",
+    order = ["run", "ns per step", error, lag, delay, "energy lost", "impacts right to", "impacts",
              "contact time", force, impulse]  # fmt: skip
     frame: Any = pandas.DataFrame(rows).fillna("")
     kept = [head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]
@@ -262,21 +301,25 @@ def _notes(comparisons: Sequence[Comparison], heads: str) -> Iterator[str]:
     rigid = any(np.isnan(c.reference.peak_force) for c in first.contacts)
     counted = {"impacts": ON_RIGID_STOPS} if rigid else {}
     meanings = [meaning for head, meaning in (HEADS | counted).items() if head in heads]
-    yield " ".join([f"Tip error: rms over max |u|, to t = {number(common)}{match}.", *meanings])
+    error = error_name(first.pair[1])
+    yield " ".join([f"{error.capitalize()}: rms over max |u|, to t = {number(common)}{match}.", *meanings])
     touched, contacts = _touched(comparisons), first.contacts
     if 0 < len(touched) < len(contacts):
         yield f"Never touched: {len(contacts) - len(touched)} of {len(contacts)} contacts."
     events = sum(c.reference_totals.event_impacts for c in contacts)
     if events != sum(c.reference_totals.impacts for c in contacts):
         yield f"The reference has {events} impacts to t = {first.t_end:g} in all."
-    if any(np.isnan(c.energy_lost) and not c.missing for c in comparisons):
-        yield "Energy lost is – or left out where the time step does not resolve the dissipation of dampers."
+    for c in (c for c in comparisons if np.isnan(c.energy_lost) and c.pair[0].has_energy):
+        why = "almost no energy is supplied"
+        if not c.pair[0].energy.is_resolved(len(c.times) - 1):
+            why = "the time step does not resolve the dissipation of dampers"
+        yield f"Energy lost is {DASH} or left out where {why}."
     system = first.pair[1].system
     if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
         yield "The reference is exact for this mesh; `stiffbeam study space` measures the mesh."
     for run in (first.pair[1], *(c.pair[0] for c in comparisons)):
         if "budget" in run.provenance:
-            yield f"{short(run.label)} was computed {run.provenance['budget']}, and its tip error is to that time."
+            yield f"{short(run.label)} was computed {run.provenance['budget']}, and its {error} is to that time."
     if any(x.impacts.at_start for x in first.pair[1].contacts):
         yield "A contact that begins at t = 0 counts as contact, not as an impact."
     for c in comparisons:

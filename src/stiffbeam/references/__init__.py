@@ -115,9 +115,10 @@ def reference(
             solution = _solution(_until(late.t, request, seconds))
         reached = float(solution.provenance["t_end"])
         if reached < request.t_end:
+            digits = next(n for n in range(3, 18) if f"{reached:.{n}g}" != f"{request.t_end:.{n}g}")
             solution.provenance["budget"] = (
-                f"to t = {reached:.3g} of {request.t_end:.3g}: its budget of {seconds:g} s of CPU, horizon included, "
-                "ends there"
+                f"to t = {reached:.{digits}g} of {request.t_end:.{digits}g}: its budget of {seconds:g} s of CPU, "
+                "horizon included, ends there"
             )
         return solution
 

@@ -47,7 +47,7 @@ def study(
     Parameters
     ----------
     name : str
-        Such as "converge", "energy" or "sweep"; ``stiffbeam --help`` lists all.
+        Such as "converge", "energy" or "sweep"; ``stiffbeam study --help`` lists all.
     case : str, Case or System
         The label of a case, a case, or a system (with dt= and t_end=; "advise" needs no dt).
     dt, t_end : float, optional

@@ -72,7 +72,8 @@ class Advise(Study):
     """
 
     want: Annotated[
-        Mapping[str, float] | None, Parameter(converter=_want, n_tokens=1, accepts_keys=False, negative=())
+        Mapping[str, float] | None,
+        Parameter(converter=_want, n_tokens=1, accepts_keys=False, negative=(), metavar="NAME=ERROR,..."),
     ] = option(
         None,
         "admissible relative errors: tip (rms), impacts, peak_force, impulse; default: tip=1e-3,impacts=0.05,"

@@ -33,7 +33,7 @@ from ..figures.chart import Figure
 from ..files.cases import Case
 from ..integrators import RECORDED, SCHEME, Integrator, integrators
 from ..measures.errors import Order, first_impacts_end, observed_order
-from ..measures.report import Report, extremes
+from ..measures.report import Report, Reported, extremes
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import covered
@@ -141,7 +141,7 @@ class Study:
 
 
 @dataclass(frozen=True, repr=False)
-class Records:
+class Records(Reported):
     """A study of a case with its table.
 
     Parameters
@@ -191,15 +191,9 @@ class Records:
         answer, lost = self.answer, [f"lost ({count}): {reason}" for reason, count in self.lost.items()]
         return Report([self.study.question(), answer.verdict], [("", answer.table)], [answer.notes, *lost])
 
-    def __str__(self) -> str:
-        return self.report().text()
-
     def __repr__(self) -> str:
         lost = sum(self.lost.values())
         return f"<Records {self.name} of {self.case.name}: {len(self.table)} rows, {lost} lost>"
-
-    def _repr_html_(self) -> str:
-        return self.report().html()
 
     def figure(self) -> Figure:
         """The picture under the answer."""
@@ -372,13 +366,16 @@ def _described(value: Any, source: bool = False) -> Any:
 _SOLVED = Recent[Reference](4)
 
 
-def _listed(read: Callable[[str], list[Any]]) -> Parameter:
-    """Parameter whose texts are each read as a list."""
+def _listed(metavar: str, read: Callable[[str], list[Any]]) -> Parameter:
+    """Parameter whose texts are each read as a list, and whose help shows its default as such a text."""
+
+    def written(default: Sequence[Any] | None) -> str | None:
+        return None if default is None else ",".join(f"{x:g}" if isinstance(x, float) else str(x) for x in default)
 
     def convert(kind: Any, tokens: Sequence[Token]) -> list[Any]:
         return [value for token in tokens for value in read(token.value)]
 
-    return Parameter(converter=convert, n_tokens=1, negative=())
+    return Parameter(converter=convert, n_tokens=1, negative=(), metavar=metavar, show_default=written)
 
 
 def read_values(text: str) -> list[float]:
@@ -398,9 +395,9 @@ def read_values(text: str) -> list[float]:
     return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
 
 
-Labels = Annotated[Sequence[Any] | None, _listed(lambda text: [part.strip() for part in split_runs(text)])]
-Integers = Annotated[Sequence[int] | None, _listed(lambda text: list(map(int, text.split(","))))]
-Values = Annotated[Sequence[float] | None, _listed(read_values)]
+Labels = Annotated[Sequence[Any] | None, _listed("NAME,...", lambda text: [part.strip() for part in split_runs(text)])]
+Integers = Annotated[Sequence[int] | None, _listed("INT,...", lambda text: list(map(int, text.split(","))))]
+Values = Annotated[Sequence[float] | None, _listed("FLOAT,...", read_values)]
 
 
 VALUES = "start:stop:count, start:stop:count:log, or comma-separated; in the case's units"

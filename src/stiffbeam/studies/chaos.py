@@ -23,7 +23,7 @@ from scipy.stats import t as student
 from ..basics.arrays import Array
 from ..basics.text import unit_of, with_unit
 from ..basics.validation import InputError, positive
-from ..figures.chart import Figure, lines, log_scale, look, name_lines, shared_legend, short
+from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import extremes
@@ -110,6 +110,8 @@ class Chaos(Study):
         # (pairs, k): how far apart the two tips of every pair are, position and velocity together.
         distance = np.hypot(omega * np.subtract(*np.split(many.tip, 2)), np.subtract(*np.split(many.tip_velocity, 2)))
         largest = float(np.max(omega * np.abs(many.tip)))
+        if largest <= ROUNDED * motion.speed:
+            return [{"lost": "the motion at the observed point is rounding: its neighbours have no distance from it"}]
         rows: list[Row] = []
         for k, start in enumerate(times):
             exponent, late = growth(many.t, distance[k], max(ROUNDED, 1e-2 * size) * largest, LINEAR * largest)
@@ -161,9 +163,21 @@ class Chaos(Study):
             if known is not None:
                 axis.errorbar(known[0], i, xerr=known[1], fmt="o", color=colour, lw=1.8)
         axis.axvline(0.0, color="0.5", lw=0.9)
+        beyond = _keep_most(axis, np.concatenate([_finite(table, x, "exponent") for x in means] or [np.zeros(0)]))
         name_lines(axis, [short(method) for method in means])
-        axis.set(title="exponents: every start, mean, 95 % interval", xlabel=labels["exponent"])
+        axis.set(title=f"exponents: starts{beyond}, mean, 95 % interval", xlabel=labels["exponent"])
         shared_legend(figure)
+
+
+def _keep_most(axis: Axes, values: Array) -> str:
+    """Cut off what lies farther out than the middle nine tenths of the values are wide; their number in words."""
+    low, high = np.quantile(values, [0.05, 0.95]) if len(values) else (0.0, 0.0)
+    out = (values < 2.0 * low - high) | (values > 2.0 * high - low)
+    if not np.any(out):
+        return ""
+    ends = np.array([values[~out].min(initial=0.0), values[~out].max(initial=0.0)])
+    axis.set_xlim(*(ends + 0.05 * np.ptp(ends) * np.array([-1.0, 1.0])))
+    return f" ({np.sum(out)} farther out)"
 
 
 def _recorded(system: System) -> float:
@@ -229,4 +243,4 @@ def exponents(table: Table) -> dict[str, tuple[float, float] | None]:
 
 
 def _finite(table: Table, method: str, name: str) -> Array:
-    return table[name][(table.method == method) & table[name].notna()].to_numpy(float)
+    return table[table.method == method].get(name, pd.Series(dtype=float)).dropna().to_numpy(float)

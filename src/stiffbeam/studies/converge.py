@@ -17,9 +17,10 @@ from ..basics.validation import InputError, positive
 from ..figures.chart import Axes, Figure, lines, log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
 from ..integrators import SCHEME, SOLVER, Integrator, fastest
+from ..measures.comparison import lost_fractions
 from ..measures.errors import Order, matched_until, observed_order, tip_error
 from ..measures.frequencies import smooth_motion, smooth_period
-from ..measures.report import DASH, percent
+from ..measures.report import DASH, energy_share
 from ..model.scales import scales
 from ..model.system import System
 from ..model.time_functions import Drive
@@ -162,7 +163,7 @@ class Converge(Study):
         if kind == CONTACT:
             row |= self._followed(case, one, exact, dt)
         if "loss" in (self.views or ()) and one.kind == SCHEME:
-            row["energy_lost"] = float(run.energy.lost_fraction())
+            (row["energy_lost"],) = lost_fractions(run.energy, system)
         return row
 
     def _followed(self, case: Case, one: Integrator, exact: Reference, dt: float) -> Row:
@@ -201,7 +202,7 @@ class Converge(Study):
         columns["impacts right from dt"] = {x: f"{dt:.2g}" if np.isfinite(dt) else DASH for x, dt in right.items()}
         if "energy_lost" in at:
             lost = at[at.energy_lost.notna()].groupby("integrator").energy_lost.first()
-            columns["energy lost at dt"] = lost.map(percent).to_dict()
+            columns["energy lost at dt"] = lost.map(energy_share).to_dict()
         small = pd.DataFrame({name: column for name, column in columns.items() if column})
         verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
         counted = [x for x in costs if unit[x] != STEPS]
@@ -215,7 +216,10 @@ class Converge(Study):
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
         if any(name not in columns.get("energy lost at dt", {}) for name in by_integrator.groups):
-            notes += " Energy lost: only of states, and where dt resolves the dissipation of dampers."
+            notes += (
+                " Energy lost: only of states that are supplied with energy, and where dt resolves the dissipation "
+            )
+            notes += "of dampers."
         return Answer(verdict.strip(), small, notes)
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:

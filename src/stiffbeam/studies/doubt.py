@@ -70,7 +70,7 @@ class Doubt(Study):
     Example: stiffbeam doubt my-beam.toml --scheme 'HHT(alpha=-0.1)'
     """
 
-    scheme: Any = option(None, "scheme to examine; default: the case's first")
+    scheme: Annotated[Any, Parameter(metavar="NAME")] = option(None, "scheme to examine; default: the case's first")
     uncertain: Annotated[Mapping[str, Any] | None, Parameter(parse=False)] = option(
         None, "(low, high) or a scipy.stats distribution by path; default: the ranges of the case file"
     )
@@ -180,7 +180,10 @@ class Doubt(Study):
 def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, rng: Rng = 1) -> EnsembleMembers:
     """Members whose parameters are a Latin hypercube sample; the same rng draws the same parameters."""
     if not uncertain:
-        remedy = 'pass uncertain={"stops.stiffness": (4.5e6, 5.5e6)}, or write [case.uncertain] in a case file'
+        remedy = (
+            'end a case file, such as that of "stiffbeam cases --show table10 > my.toml", with [case.uncertain] and '
+            '"stops.stiffness" = [4.5e6, 5.5e6] on two lines; in Python pass {"stops.stiffness": (4.5e6, 5.5e6)}'
+        )
         raise InputError("case", uncertain, "have uncertain parameters", remedy)
     columns = {}
     sample = scipy.stats.qmc.LatinHypercube(len(uncertain), rng=generator(rng)).random(members)

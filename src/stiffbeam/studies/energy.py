@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -11,16 +11,15 @@ import pandas as pd
 from ..figures.chart import Axes, Figure, lines, name_lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
-from ..measures.report import DASH, extremes, percent
+from ..measures.comparison import lost_fractions
+from ..measures.report import DASH, ROUNDING, energy_share, extremes
 from ..trajectory.trajectory import Trajectory
 from . import base
 from .base import Answer, Row, Study, Table, option
 
 OUTPUTS = 200  # times at which the energy balance is kept
 MOST = 100.0  # per cent: a longer bar ends here, beside its number
-ROUNDING = 1e-9  # of the largest energy: less is no loss
 PARTS = (("lost_in_contact", "in contact", "0.3", -0.18), ("lost_free", "between impacts", "0.65", 0.18))
-REGAINED = " Above 100 %: the scheme regains energy in the first steps after a contact, which still use its force."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +59,7 @@ class Energy(Study):
         ledger, names = run.energy, ("t", "kinetic", "elastic", "stops", "energy", "input", "supplied", "viscous")
         table = pd.DataFrame({name: getattr(ledger, name)[keep] for name in (*names, "loss")})
         table["sure"] = [bool(ledger.is_resolved(int(k))) for k in keep]
-        table["lost_fraction"] = [float(ledger.lost_fraction(int(k))) for k in keep]
+        table["lost_fraction"] = lost_fractions(ledger, system, keep)
         table["lost_in_contact"] = np.where(table.sure, ledger.loss_in_contact[keep], np.nan)
         table["lost_free"] = np.where(table.sure, ledger.loss_without_contact[keep], np.nan)
         return table.to_dict("records")
@@ -70,26 +69,26 @@ class Energy(Study):
         last = table.groupby(["scheme", "form"], sort=False).tail(1)
         closed = [
             f"{abs(row.lost_fraction):.0e} ({row.form}, to t = {row.t:.3g})"
-            for row in last[last.scheme == "exact"].itertuples()
+            for row in last[last.lost_fraction.notna() & (last.scheme == "exact")].itertuples()
         ]
         schemes = last[(last.scheme != "exact") & (last.form == table.form.iloc[0])]
-        resolved, unknown = schemes[schemes.sure], not schemes.sure.all()
-        lost = resolved.set_index("scheme").lost_fraction.dropna().to_dict()
-        shares = (resolved.lost_in_contact / resolved.loss.where(resolved.loss != 0.0)).set_axis(resolved.scheme)
-        small = pd.DataFrame({
-            "scheme": schemes.scheme, "energy lost": schemes.scheme.map(lost).map(percent),
-            "of it in contact": schemes.scheme.map(shares).map(percent),
-        })  # fmt: skip
-        end = f"{(schemes if len(schemes) else last).t.max():g}"
-        verdict = f"Schemes lose {extremes(lost, percent)} of the energy supplied to t = {end}, the exact flow none."
-        if not lost and unknown:
-            verdict = f"The steps do not resolve the work of dampers to t = {end}, and losses are not known."
-        notes = (
-            "Supplied: initial energy plus the most work of the loads. Single runs. The energy balance of the exact "
-            f"flow closes to {', '.join(closed) or DASH}."
+        lost = schemes.set_index("scheme").lost_fraction.dropna().to_dict()
+        small = pd.DataFrame(
+            {"scheme": schemes.scheme, "energy lost": schemes.lost_fraction.map(energy_share)}
+            | {words: _share(schemes, part).map(energy_share) for part, words, *_ in PARTS}
         )
-        notes += f" {DASH}: the steps do not resolve the work of dampers." * unknown
-        return Answer(verdict, small, notes + REGAINED * bool((shares > 1.005).any()))
+        end = f"{(schemes if len(schemes) else last).t.max():g}"
+        verdict = (
+            f"Schemes lose {extremes(lost, energy_share)} of the energy supplied to t = {end}, the exact flow none."
+        )
+        why = "almost no energy is supplied" if schemes.sure.all() else "the steps do not resolve the work of dampers"
+        if not lost and len(schemes):
+            verdict = f"No loss of a scheme is known to t = {end}: {why}."
+        notes = (
+            "Shares of the energy supplied: initial energy plus the most work of the loads. Single runs. The energy "
+            f"balance of the exact flow closes to {', '.join(closed) or DASH}."
+        )
+        return Answer(verdict, small, notes + f" {DASH}: {why}." * (len(lost) < len(schemes)))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Above: energy lost over time. Below: for each form the shares of the supplied energy lost at the end."""
@@ -106,7 +105,6 @@ class Energy(Study):
             elif largest:
                 axis.set_ylim(-largest, largest)
             axis.set(title=f"lost {words}, {forms[0]} form", xlabel=labels["t"], ylabel=labels[name])
-        shared_legend(figure)
         names, left = [x for x in table.scheme.unique() if x != "exact"], None
         for j, form in enumerate(forms):
             left = figure.add_subplot(grid[1, 2 * j : 2 * j + 2], sharey=left)
@@ -114,19 +112,22 @@ class Energy(Study):
             _shares(left, table[table.form == form], names)
             left.set(title=f"{form} to t = {end}", xlabel="per cent of the energy supplied")
             left.tick_params(labelleft=not j)
+        shared_legend(figure)
+
+
+def _share(rows: Table, part: str) -> Any:
+    """A part of the loss over the energy supplied, NaN where the share of the loss is."""
+    return rows[part] / rows.supplied.where(rows.lost_fraction.notna())
 
 
 def _shares(axis: Axes, rows: Table, names: list[str]) -> None:
     """Shares in contact and between impacts, a bar each in the line of its scheme."""
-    last = rows.groupby("scheme").last().reindex(names)
+    last = rows.groupby("scheme").tail(1).set_index("scheme").reindex(names)
     for part, words, colour, place in PARTS:
-        share = last[part] / last.supplied.where(last.supplied > 0.0)
+        share = _share(last, part)
         bars = axis.barh(np.arange(len(names)) + place, (100.0 * share).clip(-MOST, MOST), 0.3, color=colour)
         bars.set_label(words)
-        texts = ["0" if abs(x) < ROUNDING else percent(x) for x in share]
-        axis.bar_label(bars, texts, padding=3, fontsize=7.5, color="0.3")
+        axis.bar_label(bars, [energy_share(x) for x in share], padding=3, fontsize=7.5, color="0.3")
     axis.axvline(0.0, color="0.5", lw=0.9)
     axis.margins(x=0.25)
     name_lines(axis, [short(name) for name in names])
-    if names:
-        axis.legend(fontsize=8, loc="lower left")

@@ -18,10 +18,11 @@ from scipy.stats import ttest_ind
 
 from ..basics.arrays import Array
 from ..basics.text import with_unit
-from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
+from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, say_empty, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
-from ..measures.report import DASH, extremes, percent
+from ..measures.comparison import lost_fractions
+from ..measures.report import DASH, ROUNDING, extremes, percent
 from ..model.members import SPREAD, perturbed_members
 from ..references.ensemble import reference_ensemble
 from ..trajectory.trajectory import Diverged
@@ -78,7 +79,8 @@ class Ensemble(Study):
         losses = np.full((len(many), 2), np.nan)
         for i in np.flatnonzero(whole)[:LEDGERS] if method != "exact" else ():  # whose flow loses nothing
             ledger = many.ledger(i)
-            losses[i] = ledger.loss[-1] if ledger.is_resolved() else np.nan, ledger.supplied[-1]
+            known = np.isfinite(lost_fractions(ledger, system)[0])
+            losses[i] = ledger.loss[-1] if known else np.nan, ledger.supplied[-1]
         rows: list[Row] = []
         for number, contact in enumerate(many.contacts):
             members = pd.DataFrame({
@@ -95,12 +97,16 @@ class Ensemble(Study):
         """Impacts, time in contact, forces and energy of every method at each contact, against the exact ensemble."""
         numbers = sorted(table.contact_number.dropna().unique())
         answers = [self._of_contact(table[table.contact_number == n], case) for n in numbers]
-        if len(answers) == 1:
+        if len(answers) == 1 or not len(answers[0].table):
             return answers[0]
-        for n, each in zip(numbers, answers, strict=True):
-            each.table["method"] += f" at contact {n:g}"
         verdict = " ".join(f"At contact {n:g}: {each.verdict}" for n, each in zip(numbers, answers, strict=True))
-        return Answer(verdict, pd.concat([each.table for each in answers]), answers[0].notes)
+        parts = [each.table.assign(at=f"  contact {n:g}") for n, each in zip(numbers, answers, strict=True)]
+        small, rows = pd.concat(parts).fillna(DASH), list[Row]()
+        of_run = [head for head in small if "lost" in head]
+        for _, one in small.groupby("method", sort=False):  # energies are of the run, the rest of its contacts
+            rows.append(one[["method", *of_run]].iloc[0].to_dict())
+            rows += one.drop(columns=["method", *of_run]).rename(columns={"at": "method"}).to_dict("records")
+        return Answer(verdict, pd.DataFrame(rows, columns=small.columns.drop("at")).fillna(""), answers[0].notes)
 
     def _of_contact(self, table: Table, case: Case) -> Answer:
         exact, units = distribution(table[table.method == "exact"], "count"), case.units
@@ -111,6 +117,8 @@ class Ensemble(Study):
             count, share, force, lost, had = (
                 distribution(rows, name) for name in ("count", "fraction", "peak_force", "energy_lost", "energy_had")
             )
+            if len(lost) and np.max(np.abs(lost)) <= ROUNDING * np.mean(had):
+                lost = 0.0 * lost
             if not len(count):
                 continue
             off, interval = difference(count, exact)
@@ -122,7 +130,7 @@ class Ensemble(Study):
                 "contact, %": _spread(100 * share, 2),
                 with_unit(units, "largest force", "force"): _spread(force, 4),
                 with_unit(units, "energy lost", "energy"): _spread(lost),
-                "lost, %": _spread(100 * lost / np.mean(had)) if len(had) and np.mean(had) > 0.0 else DASH,
+                "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) else DASH,
             }  # fmt: skip
             for _, row in rows[rows.kind == "summary"].iterrows():
                 line[with_unit(units, "median duration", "time")] = f"{row['median']:.2g}"
@@ -137,8 +145,9 @@ class Ensemble(Study):
             pd.DataFrame(small),
             f"Members perturbed by {self.size:g}, dt = {case.dt:g}: mean ± standard deviation. Off by: difference of "
             "the means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of "
-            f"the loads{over}; – where dt does not resolve the dissipation of dampers. The largest force grows with "
-            "the span. Half of the contacts last longer than the median duration; half of the time in contact is spent "
+            f"the loads{over}; – where dt does not resolve the dissipation of dampers, or where almost no energy is "
+            "supplied. The largest force grows with the span. Half of the contacts last longer than the median "
+            "duration; half of the time in contact is spent "
             "in those that last longer than the half-time duration.",
         )
 
@@ -159,7 +168,7 @@ class Ensemble(Study):
             axis = figure.add_subplot(grid[0, 2 * i : 2 * i + 2], sharey=axis)
             _dots(axis, groups, name, scale)
             if name not in table or not table[name].notna().any():
-                axis.text(0.5, 0.5, "dt does not resolve the dampers", transform=axis.transAxes, ha="center")
+                axis.text(0.5, 0.5, "not known", transform=axis.transAxes, ha="center")
             span = "" if name == "fraction" else f" to t = {end}"
             text, quantity = self.labels[name]
             axis.set(title=title, xlabel=with_unit(case.units, text + span, quantity))
@@ -168,6 +177,8 @@ class Ensemble(Study):
         for i, (name, title) in enumerate((("force", "peak forces of impacts"), ("duration", "durations of contacts"))):
             axis = figure.add_subplot(grid[1, 3 * i : 3 * i + 3])
             drawn = table[table[name].notna()] if name in table else table[:0]
+            if not len(drawn):
+                say_empty(axis, f"no {title} are known")
             for k, (n, rows) in enumerate(drawn.groupby("contact_number")):
                 lines(axis, rows, name, "level", "method", marker="")
                 if several:

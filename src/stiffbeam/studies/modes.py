@@ -15,7 +15,7 @@ from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.amplification import amplification, free_mode_errors
 from ..measures.frequencies import without_contact
-from ..measures.report import extremes, number, percent
+from ..measures.report import DASH, extremes, number, percent
 from ..model.modes import modes, undamped_modes
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -85,14 +85,15 @@ class Modes(Study):
                 "period. Take more steps."
             )
         first = measured.groupby("scheme", sort=False).first()
-
-        late, damped = (first[name].where(first[name].abs() > ROUNDING, 0.0) for name, *_ in QUANTITIES)
+        late, damped = (_known(first, name) for name, *_ in QUANTITIES)
         small = pd.DataFrame({
             f"mode {first['mode'].iloc[0]:g}": first.index, "late": late.map(percent).to_numpy(),
             "damping ratio": damped.map(number).to_numpy(),
         })  # fmt: skip
         off = [float(np.nanmax(_distances(measured, name))) for name, *_ in QUANTITIES]
         notes, left = list[str](), len(table) - len(measured)
+        if late.isna().any() or damped.isna().any():
+            notes.append(f"{DASH}: less than the run differs from theory.")
         if left:
             notes.append(f"Not measured: {several(left, 'mode')}, damped out or followed for less than half a period.")
         for label, scheme in base.chosen_schemes(case, self.schemes).items():
@@ -125,6 +126,14 @@ class Modes(Study):
             log_scale(lower)
             lower.set(title=f"{words}: distance of runs from theory", xlabel=across, ylabel="|run - theory|")
         shared_legend(figure, axes=list(axes[0]))
+
+
+def _known(rows: Table, name: str) -> Any:
+    """The measured values with the digits that theory confirms, 0 for rounding, NaN where it confirms none."""
+    values = rows[name].where(rows[name].abs() > ROUNDING, 0.0)
+    digits = np.log10(values.abs().clip(lower=ROUNDING) / _distances(rows, name)).clip(upper=15.0)
+    rounded = [float(f"{x:.{max(1, int(n))}g}") for x, n in zip(values, digits, strict=True)]
+    return pd.Series(rounded, values.index).where((values == 0.0) | (digits > 0.0))
 
 
 def _distances(table: Table, name: str) -> Array:

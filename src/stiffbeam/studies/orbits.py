@@ -21,7 +21,7 @@ import pandas as pd
 
 from ..basics.text import several, with_unit
 from ..basics.validation import InputError
-from ..figures.chart import Figure, panel_legend, tip_text
+from ..figures.chart import Figure, panel_legend, say_empty, tip_text
 from ..files.cases import Case
 from ..model.system import System
 from ..references.exact.orbit import ALONE, Orbit, PeriodMap, periodic_orbit, require_periodic
@@ -128,8 +128,11 @@ class Orbits(Study):
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The branch; the multipliers in the complex plane."""
         name, orbits = self.parameter, table[table.kind == "orbit"]
+        if not len(orbits):
+            figure.set_figheight(2.0)
+            return say_empty(figure.subplots(), "no orbit was found")
         above, plane = figure.subplots(2, 1, height_ratios=(1.35, 1.0))
-        for kind, rows in orbits.groupby("stability", sort=False) if len(orbits) else ():
+        for kind, rows in orbits.groupby("stability", sort=False):
             above.plot(rows[name], rows.tip, ".", ms=5, color=COLOUR[str(kind)], label=kind)
         for what, rows in table[table.kind == "change"].groupby("what", sort=False) if "what" in table else ():
             above.plot(rows[name], rows.tip, MARKER[str(what)], color="black", ms=6, mfc="none", zorder=4, label=what)
@@ -139,7 +142,7 @@ class Orbits(Study):
         panel_legend(above)
         angle = np.linspace(0.0, 2.0 * np.pi, 181)
         plane.plot(np.cos(angle), np.sin(angle), color="0.5", lw=0.9)
-        for kind, rows in orbits[orbits.phase == 0].groupby("stability") if len(orbits) else ():
+        for kind, rows in orbits[orbits.phase == 0].groupby("stability"):
             for part in ("", "second_"):
                 plane.plot(rows[f"{part}real"], rows[f"{part}imag"], ".", ms=4, color=COLOUR[str(kind)], alpha=0.7)
         plane.set(

@@ -106,7 +106,8 @@ class Space(Study):
             group = {f"{q}, {form}": order for (q, form), order in observed.items() if ("impact" in q) == impact}
             parts += [f"{base.clear_orders(group)} {words}"] if group else []
         notes = f"In brackets the relative error on {near:g} cells (the case has {case.cells}), in contact against the "
-        notes += f"grid of {self.finest}. ± holds with 95 %, an interval wider than 1.5 is no clear rate."
+        notes += f"grid of {self.finest}. ± holds with 95 %, an interval wider than 1.5 or than the order is no "
+        notes += "clear rate."
         return Answer(f"Observed orders in h: {', '.join(parts)}.", pd.DataFrame(list(small.values())), notes)
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:

@@ -22,7 +22,7 @@ from ..files.columns import TIMES, bare, factor_of, read_columns, time_of
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
 from ..integrators import integrators as integrators_of
 from ..measures.errors import Order, observed_order
-from ..measures.report import DASH, Report, short
+from ..measures.report import DASH, Report, Reported, short
 from ..references.registry import BEST
 from ..schemes import RIGID, SCHEMES
 from ..trajectory.records import ContactRecord
@@ -63,8 +63,8 @@ class Entry:
     runs: one row a run, the coarsest first: level (steps, or relative tolerance), cost (stages, evaluations, or steps
     of a function), seconds, and the columns of ``errors_of``. outcome: "converges", "error does not fall", "order too
     low", "impact missing", "failed", "not taken" or "not judged"; reason: a sentence, "" where it converges. order:
-    observed, of the tip error. expected: the smaller of its order on smooth motion and the problem's limit, NaN if
-    unknown.
+    observed, of the error of the tip, or of the velocity where that is too low, see ``order_of``. expected: the smaller
+    of the order on smooth motion and the problem's limit, NaN if unknown.
     """
 
     integrator: str
@@ -75,6 +75,7 @@ class Entry:
     reason: str = ""
     order: Order = NONE
     expected: float = NAN
+    order_of: str = "tip"
 
     @property
     def flagged(self) -> bool:
@@ -86,17 +87,23 @@ class Entry:
         """The row of the finest run, {} where there is none."""
         return self.runs[-1] if self.runs else {}
 
+    def order_in(self, column: str) -> Order:
+        """The order of a column of ``runs``, through the errors that rounding does not hide."""
+        rows = [run for run in self.runs if FLOOR < abs(run[column]) < np.inf]
+        return observed_order([1.0 / run["level"] for run in rows], [abs(run[column]) for run in rows])
+
     def row(self) -> dict[str, Any]:
         """Outcome, orders and the errors of the finest run."""
         return {
             "integrator": self.integrator, "problem": self.problem.name, "outcome": self.outcome,
             "order": self.order.slope, "order_interval": self.order.interval, "expected_order": self.expected,
+            "order_of": self.order_of,
             **self.best, "reason": self.reason,
         }  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
-class Scorecard:
+class Scorecard(Reported):
     """Entries of a score, integrator by integrator and problem by problem.
 
     Parameters
@@ -157,7 +164,7 @@ class Scorecard:
         lines = [
             {
                 "problem": e.problem.name,
-                "order": str(e.order) if np.isfinite(e.order.interval) else "",
+                "order": f"{e.order_of}: {e.order}".removeprefix("tip: ") if np.isfinite(e.order.interval) else "",
                 "expected": f"{e.expected:.3g}" if np.isfinite(e.expected) else "",
                 **{name: _number(abs(e.best.get(column, np.nan))) for column, name in QUANTITIES.items()},
                 "impacts": _impacts(e),
@@ -197,12 +204,6 @@ class Scorecard:
     def __repr__(self) -> str:
         counts = several(len(self.integrators), "integrator"), several(len(self.problems), "problem")
         return f"<Scorecard: {', '.join(counts)}, {len(self.flagged)} flagged>"
-
-    def __str__(self) -> str:
-        return self.report().text()
-
-    def _repr_html_(self) -> str:
-        return self.report().html()
 
     def figure(self, problem: str) -> Figure:
         """Errors of tip and impact times on a problem over the cost."""
@@ -303,7 +304,7 @@ def score(
                 entry = _entry(runner, each, smooth)
                 if each.name == SMOOTH and entry.order.points >= 3:
                     # Its order with contact follows from that without, even if it states a lower one.
-                    smooth = float(np.nanmax([smooth, entry.order.slope]))
+                    smooth = float(np.nanmax([smooth, entry.order_in("tip_error").slope]))
                     entry = verdict(entry, smooth)
                 entries.append(entry)
     return Scorecard(tuple(entries))
@@ -391,7 +392,7 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     """``entry`` with its observed order, outcome and reason.
 
     smooth: the order of the integrator on smooth motion. Every error of a fixed-step integrator must fall with the step
-    (``_falls``); those of impact times, and of a velocity that jumps, may also be less than the shortest step. The
+    (``_stays``); those of impact times, and of a velocity that jumps, may also be less than the shortest step. The
     finest run must have the first impacts. The orders of the tip and, for one or two masses, of its velocity, with
     their 95 % intervals, must come within ``ORDER_SLACK`` of what is expected. The error of an adaptive solver must
     stay within ``TIMES_TOLERANCE`` times its tolerance. Steps that span less than a factor of four are not judged.
@@ -408,46 +409,43 @@ def verdict(entry: Entry, smooth: float) -> Entry:
     limit = entry.problem.order_limit
     # Whatever converges is of first order at least where the motion is smooth.
     expected = min(float(np.fmax(smooth, 1.0)), limit) if limit > 0.0 else NAN
-    errors = {name: np.abs([run[name] for run in entry.runs]) for name in QUANTITIES}
-    entry = replace(entry, order=_order(levels, errors["tip_error"]), expected=expected)
-    outcome, reason = next(_faults(entry, levels, errors, smooth), (CONVERGES, ""))
-    return replace(entry, outcome=outcome, reason=reason)
+    judged = {"order": entry.order_in("tip_error"), "expected": expected, "order_of": "tip"}
+    entry = replace(entry, **judged, outcome=CONVERGES, reason="")
+    return replace(entry, **next(_faults(entry, levels, smooth), {}))
 
 
-def _faults(entry: Entry, levels: Array, errors: dict[str, Array], smooth: float) -> Iterator[tuple[str, str]]:
-    """Outcome and reason of each fault of fixed-step runs, the worst first."""
+def _faults(entry: Entry, levels: Array, smooth: float) -> Iterator[dict[str, Any]]:
+    """Outcome and reason of each fault of fixed-step runs, the worst first, with the order that is judged."""
     limit = entry.problem.order_limit
     least = {
         "impact_time_error": entry.problem.t_end / levels[-1],
         "velocity_error": COARSE if limit <= 0.0 else 1.0 / levels[-1] if limit <= 1.0 else FLOOR,
     }
-    steps = f"in {levels[0]:g} to {levels[-1]:g} steps"
-    for name, of in errors.items():
-        if np.all(np.isfinite(of)) and of[-1] > least.get(name, FLOOR) and not _falls(levels, of):
-            yield STAYS, f"{QUANTITIES[name]} from {of[0]:.1e} to {of[-1]:.1e} {steps}"
+    for name in QUANTITIES:
+        of = np.abs([run[name] for run in entry.runs])
+        if np.all(np.isfinite(of)) and of[-1] > least.get(name, FLOOR) and (last := _stays(levels, of)):
+            steps = f"in {levels[-last]:g} to {levels[-1]:g} steps"
+            yield {"outcome": STAYS, "reason": f"{QUANTITIES[name]} from {of[-last]:.1e} to {of[-1]:.1e} {steps}"}
     most, seen = len(known_impacts(entry.problem)), entry.best["impacts"]
     if 0 <= seen < most:
-        yield MISSED, f"the finest run has {seen} of the first {most} impacts"
+        yield {"outcome": MISSED, "reason": f"the finest run has {seen} of the first {most} impacts"}
     if seen > 0 and "impacts" in entry.problem.answers and not most:
-        yield STAYS, f"the finest run has {seen} impacts where there are none"
+        yield {"outcome": STAYS, "reason": f"the finest run has {seen} impacts where there are none"}
     for name in ("tip_error", "velocity_error") if entry.problem.system.size <= SMALL else ("tip_error",):
-        order, expected = _order(levels, errors[name]), entry.expected
+        order, expected = entry.order_in(name), entry.expected
         if name == "velocity_error" and not np.isfinite(smooth):
             expected = min(entry.order.slope, limit)
         if order.points >= 4 and order.slope + order.interval < expected - ORDER_SLACK:
-            yield LOW_ORDER, f"{QUANTITIES[name]}: {order}, {expected:.3g} expected"
+            reason = f"{QUANTITIES[name]}: {order}, {expected:.3g} expected"
+            judged = {"order": order, "expected": expected, "order_of": QUANTITIES[name]}
+            yield {"outcome": LOW_ORDER, "reason": reason} | judged
 
 
-def _order(levels: Array, errors: Array) -> Order:
-    """The order through the errors that rounding does not hide."""
-    above = (errors > FLOOR) & np.isfinite(errors)
-    return observed_order(1.0 / levels[above], errors[above])
-
-
-def _falls(levels: Array, errors: Array) -> bool:
-    """Return True if errors fall with the step. Either the median of the finest errors is below ``FALL`` times that of
-    steps four times as long, or the order through the finer half of the runs may be 1/2 or more, its 95 % interval
-    included. Without such an order the errors of the finest third must differ.
+def _stays(levels: Array, errors: Array) -> int:
+    """Number of the finest runs whose errors do not fall with the step, 0 where errors fall. They fall if the median of
+    the finest errors is below ``FALL`` times that of steps four times as long, or if the order through the finer half
+    of the runs may be 1/2 or more, its 95 % interval included. Without such an order the errors of the finest third
+    must differ.
 
     Medians over a third of the runs each: one error may be small by chance, and those of impacts scatter as these lie
     within their steps.
@@ -456,7 +454,7 @@ def _falls(levels: Array, errors: Array) -> bool:
     before = np.flatnonzero(levels <= SPAN * np.max(levels))
     fine, coarse = np.median(errors[-count:]), np.median(errors[before[-count:]])
     if fine <= FLOOR:
-        return True
+        return 0
 
     def most(runs: int) -> float:
         """The largest order that the finest runs allow; NaN for two."""
@@ -465,8 +463,10 @@ def _falls(levels: Array, errors: Array) -> bool:
 
     # The finest errors are nearly equal and leave no room for an order of 1/2: they no longer fall.
     last = errors[-max(3, count) :]
-    stays = np.max(last) < STEADY * np.min(last) and most(len(last)) < 0.5
-    return not stays and bool(fine <= FALL * coarse or most(max(4, len(errors) // 2)) >= 0.5)
+    if np.max(last) < STEADY * np.min(last) and most(len(last)) < 0.5:
+        return len(last)
+    half = min(len(errors), max(4, len(errors) // 2))
+    return 0 if fine <= FALL * coarse or most(half) >= 0.5 else half
 
 
 # ---------------------------------------------------------------- errors of a run
