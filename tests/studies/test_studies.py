@@ -114,7 +114,7 @@ def test_no_run_begins_past_the_budget_and_work_in_steps_is_not_compared(tmp_pat
         t = dt * np.arange(round(t_end / dt) + 1)
         return t, system.q0[0] * np.cos(10.0 * t) + 0.1 * system.v0[0] * np.sin(10.0 * t)
 
-    options = SPAN | {"integrators": ["BDF2", solve], "halvings": 2, "kinds": ["smooth"], "folder": tmp_path}
+    options = SPAN | {"integrators": ["BDF2", solve], "halvings": 2, "kinds": "smooth", "folder": tmp_path}
     records = sb.study("converge", one_mass(100.0, v=1.0), budget=1e-9, **options)
     assert records.answer.verdict == NOTHING
     assert "not begun within the budget" in next(iter(records.lost))

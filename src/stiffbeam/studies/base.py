@@ -87,6 +87,8 @@ class Study:
             value, least, known = getattr(self, each.name), each.metadata.get("least"), each.metadata.get("known")
             if isinstance(value, np.ndarray):
                 value = value.tolist()
+            if isinstance(value, str) and str(each.type).endswith("Labels"):
+                value = names_in(value)  # as on the command line
             if isinstance(value, (list, tuple)):
                 object.__setattr__(self, each.name, value := tuple(value))
             for one in value if isinstance(value, tuple) else () if value is None else (value,):
@@ -395,7 +397,12 @@ def read_values(text: str) -> list[float]:
     return (np.geomspace if spacing else np.linspace)(low, high, n).tolist()
 
 
-Labels = Annotated[Sequence[Any] | None, _listed("NAME,...", lambda text: [part.strip() for part in split_runs(text)])]
+def names_in(text: str) -> list[str]:
+    """The names in a comma-separated text."""
+    return [part.strip() for part in split_runs(text)]
+
+
+Labels = Annotated[Sequence[Any] | None, _listed("NAME,...", names_in)]
 Integers = Annotated[Sequence[int] | None, _listed("INT,...", lambda text: list(map(int, text.split(","))))]
 Values = Annotated[Sequence[float] | None, _listed("FLOAT,...", read_values)]
 

@@ -215,7 +215,7 @@ class Converge(Study):
             notes += " Steps: a function whose Trajectory has no work.counters, not comparable with the others."
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
-        if any(name not in columns.get("energy lost at dt", {}) for name in by_integrator.groups):
+        if "energy_lost" in at and any(name not in columns["energy lost at dt"] for name in by_integrator.groups):
             notes += (
                 " Energy lost: only of states that are supplied with energy, and where dt resolves the dissipation "
             )
