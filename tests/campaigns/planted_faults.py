@@ -101,7 +101,7 @@ FAULTS = [
     ("model", "model/modes.py", "damping = uncoupled(system.damping, basis.shapes, damping, basis.omega == 0.0)", "pass"),
     ("model", "model/modes.py", "return replace(basis, damping=diagonal)", "return replace(basis, damping=0.5 * diagonal)"),
     ("model", "model/modes.py", "(2.0 * damping_ratios(ratio", "(1.0 * damping_ratios(ratio"),
-    ("model", "model/modes.py", "squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, start, vectors)", "shapes = vectors"),
+    ("model", "model/modes.py", "squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))", "shapes = back(vectors)"),
     ("model", "model/modes.py", "kept = np.imag(values) >= 0.0", "kept = np.imag(values) > 0.0"),
     ("model", "model/modes.py", "values = values + np.where(single", "values = values - 0.0 * np.where(single"),
     ("model", "model/members.py", "(members, 2, system.size))", "(1, 2, system.size)).repeat(members, 0)"),
