@@ -71,6 +71,16 @@ def test_the_slow_frequencies_of_a_beam_have_the_digits_of_its_factor(form):
     assert max(abs(omega / mpmath.sqrt(square) - 1) for omega, square in zip(found, true, strict=True)) < 8 * EPS
 
 
+@pytest.mark.parametrize("cells", [49, 50, 75])  # more than 100 unknowns: slow modes alone are refined
+def test_beams_that_nothing_holds_and_that_a_heavy_mass_ends(cells):
+    problem = sb.BeamProblem(stiffness=300.0, supports="free-free")
+    assert np.array_equal(modes(sb.semidiscretise(problem, cells, "hermite")).omega[:2], np.zeros(2))
+    heavy = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, tip_mass=1e16), cells, "hermite")
+    matrices = replace(heavy, origin=None, observe=np.eye(heavy.size)[-2])
+    # A massless cantilever under its tip: 3 EI/L^3 over the mass, whose rounding in the matrix is 1e-16.
+    assert modes(matrices).omega[0] ** 2 == pytest.approx(900.0 / 1e16, rel=1e-10)
+
+
 @pytest.mark.parametrize("n", [1, 2, 5, 30])
 def test_a_free_chain_has_one_rigid_body_motion(n):
     """Whose damping is zero too, and not the rounding of zero."""
