@@ -254,9 +254,9 @@ def _follow(
 
     def tables() -> int:
         tell(f"\n{result.report()}")
-        if any(c.steps and c.window < c.t_end * (1 - 1e-9) for c in result.comparisons):
+        if any(c.steps and min(c.window, c.matched_until) < c.t_end * (1 - 1e-9) for c in result.comparisons):
             command = f"stiffbeam ensemble {shlex.quote(case)}"
-            tell(f"\nStatistics past the horizon, over many runs: {command}")
+            tell(f"\nStatistics of many runs, past where the motions part: {command}")
         return len(result.failures)
 
     try:

@@ -140,9 +140,10 @@ class Advise(Study):
             runs = table[table.kind == "run"]
             run = next(runs.loc[[_worst(runs, wanted).idxmin()]].itertuples())
             verdict = f"No run of up to {runs.steps.max():g} steps is sure to meet the admissible errors; nearest: "
-            notes.append("Ask for larger errors, or for a shorter t_end, before the motions part.")
+            notes.append("Ask for larger errors, or for a shorter t_end, before the motions part; or compare the "
+                         "distributions of many runs, by the study ensemble.")  # fmt: skip
         errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in wanted)
-        verdict += f"{_label(run)}, dt = {run.dt:.6g}: {run.steps:g} steps to t = {run.t_end:g}, {run.work:g} "
+        verdict += f"{_label(run)}, dt = {run.dt:.10g}: {run.steps:g} steps to t = {run.t_end:g}, {run.work:g} "
         notes.insert(0, f"A run is sure if dt/2 and {BETWEEN} steps between dt and dt/2 meet the errors too.")
         errors = f"relative errors against the exact solution {errors}"
         return Answer(f"{verdict}linear solves, {errors}.", notes=" ".join(notes))
