@@ -89,6 +89,15 @@ def table10_system(request, table10) -> sb.System:
 
 
 @pytest.fixture
+def jax_in_float64():
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
+
+
+@pytest.fixture
 def command(tmp_path, monkeypatch):
     """The command in this process and in an empty folder: (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)

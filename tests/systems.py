@@ -77,8 +77,10 @@ def function_of(wave: Any) -> Any:
     """A witness's function of time as the package takes it."""
     if wave is None:
         return None
-    kinds = {"constant": sb.Constant, "harmonic": sb.Harmonic, "sampled": sb.Sampled}
-    return kinds[wave[0]](*wave[1:])
+    kind, *numbers = wave
+    if kind == "sum":
+        return sb.Superposition(*map(function_of, numbers))
+    return {"constant": sb.Constant, "harmonic": sb.Harmonic, "sampled": sb.Sampled}[kind](*numbers)
 
 
 def system_of(case: Case) -> sb.System:

@@ -15,7 +15,7 @@ from systems import one_mass
 import stiffbeam as sb
 from stiffbeam.model.members import EnsembleMembers
 
-TIP = sb.Stops(-0.1, 0.1, stiffness=2e5)
+TIP, DAMPED = sb.Stops(-0.1, 0.1, stiffness=2e5), sb.Stops(upper=0.0, stiffness=1.0, damping=0.1)
 ONE, EYE, T = [[1.0]], np.eye(2), [0.0, 1.0, 2.0]
 STRIP = {"length": 2.0, "stiffness": 3.0, "mass_per_length": 0.7}
 
@@ -102,11 +102,15 @@ NO_STOPS = [
         (0.1, -0.1, 1.0, "^stops.upper must be > stops.lower = 0.1"))),
     *((lambda row=row: sb.Contact(row, TIP), r"^contact.row must (be finite numbers|not be all zero)")
       for row in ([1.0, math.nan], [0.0, 0.0])),
+    *((lambda x=x: sb.Stops(upper=0.0, stiffness=1.0, **x), "stops")
+      for x in ({"exponent": 0.5}, {"damping": -1.0}, {"dissipation": math.nan}, {"exponent": math.inf})),
+    (lambda: DAMPED.force(0.1), "velocity"), (lambda: sb.Contact([1.0], DAMPED, offset=np.sin), "rate"),
 ]  # fmt: skip
 NO_SYSTEM = [
     (lambda: system(mass=np.diag([1.0, 0.0])), "positive definite"), (lambda: system(mass=-EYE), "positive definite"),
     (lambda: system(stiffness=np.diag([1.0, -1.0])), "positive semidefinite"),
     (lambda: system(stiffness=np.array([[1.0, 1.0], [0.0, 1.0]])), "symmetric"),
+    *((lambda x=x: system(damping=np.array(x)), "damping must") for x in ([[1.0, 0.0]], np.nan * EYE)),
     (lambda: system(stiffness=np.eye(3)), "shape"), (lambda: system(q0=np.zeros(3)), "2 finite"),
     (lambda: system(v0=np.array([np.nan, 0.0])), "be finite"), (lambda: system(observe=None), "name the row"),
     (lambda: system(loads=[(np.ones(3), sb.Constant(1.0))]), "2 finite"),

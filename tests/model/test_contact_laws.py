@@ -11,7 +11,6 @@ import pytest
 from law_systems import Witness, random_system
 
 import stiffbeam as sb
-from stiffbeam.basics.validation import InputError
 from stiffbeam.kernels.march import contact_forces
 from stiffbeam.kernels.rhs import THROUGH
 from stiffbeam.model import contact
@@ -113,23 +112,3 @@ def assert_one_law(stops: sb.Stops, d: float, e: float, rate: float, h: float = 
     assert stops.linear == (affine and not contact.damps(law))
     depths = np.array([-d, 0.0, e])
     assert np.allclose(press(depths, rate), [press(float(x), rate) for x in depths], rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda hertz, _: sb.reference(ball(hertz), 1.0, method="exact"), r"linear law.*solver cvode"),
-        (lambda hertz, _: sb.reference(ball(hertz), 1.0, method="multiprecision"), r"linear law.*solver cvode"),
-        (lambda hertz, _: sb.lyapunov(ball(hertz), 1.0), "linear law"),
-        (lambda _, damped: sb.integrate(ball(damped), sb.HHT(-0.1), 1e-2, 1.0, contact="extrapolated"),
-         r"stops\.damping.*implicit contact"),
-        (lambda _, damped: damped.force(0.1), "velocity"),
-        (lambda _, damped: sb.Contact([1.0], damped, offset=np.sin), "rate"),
-        *((lambda *_, x=x: sb.Stops(upper=0.0, stiffness=1.0, **x), "stops")
-          for x in ({"exponent": 0.5}, {"damping": -1.0}, {"dissipation": math.nan}, {"exponent": math.inf})),
-    ],
-)  # fmt: skip
-def test_what_a_law_cannot_do_is_refused(call, words):
-    hertz, damped = (sb.Stops(upper=0.0, stiffness=1.0, **x) for x in ({"exponent": 1.5}, {"damping": 0.1}))
-    with pytest.raises(InputError, match=words):
-        call(hertz, damped)

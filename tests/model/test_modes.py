@@ -64,6 +64,8 @@ def test_every_frequency_has_all_its_digits(seed):
 def test_the_slow_frequencies_of_a_beam_have_the_digits_of_its_factor(form):
     """A processor's own order of sums shows in none of them: 16 roundings of a copy of the problem are more."""
     system = sb.semidiscretise(PROBLEM, 25, form)
+    of_factor = system.stiffness_factor.T @ system.stiffness_factor
+    assert np.max(np.abs(of_factor - system.stiffness)) < 1e-14 * np.max(system.stiffness)
     with mpmath.workdps(40):
         factor = mpmath.matrix(system.stiffness_factor.tolist())
         true = true_squares(system.mass, factor.T * factor)

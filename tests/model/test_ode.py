@@ -34,41 +34,38 @@ LAWS = [{}, {"damping": 3.0}, {"exponent": 1.5, "dissipation": 0.4}]
 
 
 @pytest.mark.fast(1)
+@pytest.mark.usefixtures("jax_in_float64")
 @pytest.mark.parametrize("law", LAWS)
 def test_every_variant_is_the_law_written_down(law):
     import jax
 
-    jax.config.update("jax_enable_x64", True)
-    try:
-        system, rng = pair(**law), np.random.default_rng(1)
-        ode, descriptor = system.ode(), system.ode("descriptor")
-        address, data = ode.cfunc
-        called = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)(address)
-        traced = jax.jit(ode.jax)
-        for _ in range(50):
-            t, y = float(rng.uniform(0.0, 3.0)), rng.normal(size=4) * [0.2, 0.2, 2.0, 2.0]
-            q, v = ode.displacement(y), ode.velocity(y)
-            rate = ode.rhs(t, y)
-            assert ode.displacement(rate) == pytest.approx(v, rel=1e-13)
-            assert np.array_equal(ode.state(q, v), y)
-            expected = acceleration(system, t, q, v)
-            assert ode.velocity(rate) == pytest.approx(expected, rel=1e-11, abs=1e-11)
-            rows = np.arange(12.0).reshape(3, 4)
-            assert np.array_equal(ode.displacement(rows.T), ode.displacement(rows))  # SciPy's shape
-            with pytest.raises(sb.InputError, match=r"states \(k, 4\) or \(4, k\)"):
-                ode.velocity(rows[:, :3])
-            out = np.empty(4)
-            called(t, y.ctypes.data, out.ctypes.data, data)
-            assert np.array_equal(out, rate)
-            assert np.asarray(traced(t, y)) == pytest.approx(rate, rel=1e-12, abs=1e-12)
-            assert np.linalg.solve(descriptor.mass, descriptor.rhs(t, y)) == pytest.approx(rate, rel=1e-11, abs=1e-11)
-            pressed = [event(t, y) > 0.0 for event in ode.events]
-            depth = q[1] - 0.01 * np.sin(3.0 * t)
-            if not law:
-                assert pressed == [depth > 0.08, depth < -0.1]
-            assert np.array_equal(ode.segment([1 if pressed[0] else -1 if pressed[1] else 0]).rhs(t, y), rate)
-    finally:
-        jax.config.update("jax_enable_x64", False)
+    system, rng = pair(**law), np.random.default_rng(1)
+    ode, descriptor = system.ode(), system.ode("descriptor")
+    address, data = ode.cfunc
+    called = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)(address)
+    traced = jax.jit(ode.jax)
+    for _ in range(50):
+        t, y = float(rng.uniform(0.0, 3.0)), rng.normal(size=4) * [0.2, 0.2, 2.0, 2.0]
+        q, v = ode.displacement(y), ode.velocity(y)
+        rate = ode.rhs(t, y)
+        assert ode.displacement(rate) == pytest.approx(v, rel=1e-13)
+        assert np.array_equal(ode.state(q, v), y)
+        expected = acceleration(system, t, q, v)
+        assert ode.velocity(rate) == pytest.approx(expected, rel=1e-11, abs=1e-11)
+        rows = np.arange(12.0).reshape(3, 4)
+        assert np.array_equal(ode.displacement(rows.T), ode.displacement(rows))  # SciPy's shape
+        with pytest.raises(sb.InputError, match=r"states \(k, 4\) or \(4, k\)"):
+            ode.velocity(rows[:, :3])
+        out = np.empty(4)
+        called(t, y.ctypes.data, out.ctypes.data, data)
+        assert np.array_equal(out, rate)
+        assert np.asarray(traced(t, y)) == pytest.approx(rate, rel=1e-12, abs=1e-12)
+        assert np.linalg.solve(descriptor.mass, descriptor.rhs(t, y)) == pytest.approx(rate, rel=1e-11, abs=1e-11)
+        pressed = [event(t, y) > 0.0 for event in ode.events]
+        depth = q[1] - 0.01 * np.sin(3.0 * t)
+        if not law:
+            assert pressed == [depth > 0.08, depth < -0.1]
+        assert np.array_equal(ode.segment([1 if pressed[0] else -1 if pressed[1] else 0]).rhs(t, y), rate)
 
 
 def test_the_jacobian_is_the_derivative():
@@ -114,15 +111,10 @@ def test_breakpoints_and_bandwidths_are_stated():
 
 
 def test_what_it_cannot_be_is_refused():
-    with pytest.raises(sb.InputError, match=r"stops.stiffness must be finite.*use a large one"):
-        sb.problem("bouncing-ball").system.ode()
     with pytest.raises(sb.InputError, match="form must be"):
         pair().ode("implicit")
     with pytest.raises(sb.InputError, match="sides must hold"):
         pair().ode().segment([2])
-    called = sb.System.from_matrices([[1.0]], [[1.0]], loads=[([1.0], np.sin)], observe=[1.0])
-    with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
-        called.ode().cfunc  # noqa: B018
-    assert called.ode().rhs(1.0, [0.0, 0.0])[1] == pytest.approx(np.sin(1.0))
+    assert one_mass(1.0, load=np.sin).ode().rhs(1.0, [0.0, 0.0])[1] == pytest.approx(np.sin(1.0))
     with pytest.raises(sb.InputError, match="jax_enable_x64"):
         pair().ode().jax  # noqa: B018

@@ -19,16 +19,11 @@ def strip(elements: int):
                   [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]) / h**3  # fmt: skip
     m = h / 420 * np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
                             [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]])  # fmt: skip
-    n = 2 * (elements + 1)
-    places = [2 * e + np.arange(4) for e in range(elements)]
-    i, j = (
-        np.concatenate([g.ravel() for g in x])
-        for x in zip(*(np.meshgrid(p, p, indexing="ij") for p in places), strict=True)
-    )
-    found = [
-        scipy.sparse.coo_array((np.tile(x.ravel(), elements), (i, j)), shape=(n, n)).tocsc()[2:, 2:] for x in (m, k)
-    ]
-    tip = np.zeros(n - 2)
+    unknowns = (2 * np.arange(elements)[:, None] + np.arange(4)).ravel()  # of each element in turn
+    gather = scipy.sparse.csr_array((np.ones(4 * elements), (np.arange(4 * elements), unknowns)))
+    each = scipy.sparse.eye_array(elements)
+    found = [(gather.T @ scipy.sparse.kron(each, x) @ gather).tocsc()[2:, 2:] for x in (m, k)]
+    tip = np.zeros(2 * elements)
     tip[-2] = 1.0
     return *found, tip
 

@@ -107,10 +107,3 @@ def test_a_polygon_has_no_acceleration_and_is_no_base_motion():
     ):  # fmt: skip
         with pytest.raises(sb.InputError, match=words):
             call()
-
-
-def test_multiprecision_takes_no_record():
-    with pytest.raises(
-        sb.InputError, match=r"be made of Harmonic and Constant for multiprecision.*use the method exact"
-    ):
-        sb.reference(hammered(sb.Sampled(TIMES, VALUES)), 1.0, "multiprecision")

@@ -15,7 +15,7 @@ from systems import bouncing_chain, one_mass
 import stiffbeam as sb
 from stiffbeam.pytest_plugin import within_reference
 from stiffbeam.references import REFERENCES, solve
-from stiffbeam.references.adaptive.restarts import Interval, smooth_intervals
+from stiffbeam.references.adaptive.restarts import smooth_intervals
 from stiffbeam.references.registry import Request
 
 SLOW = ("radau", "kvaerno3", "kvaerno5")
@@ -24,30 +24,23 @@ RADAU = pytest.param("radau", marks=pytest.mark.slow)
 PHASED = [m.name for m in REFERENCES.values() if m.kind == "adaptive" and m.name not in SLOW]
 
 
-def pulse(start: float, width: float):
+def pulse(width: float):
     """Half a sine of 500 as a user writes it, which states where it begins, turns and ends."""
 
     def load(t):
-        s = (np.asarray(t) - start) / width
+        s = (np.asarray(t) - 0.5) / width
         return np.where((s > 0.0) & (s < 1.0), 500.0 * np.sin(np.pi * s), 0.0)
 
-    load.breakpoints = (start, start + 0.5 * width, start + width)
+    load.breakpoints = (0.5, 0.5 + 0.5 * width, 0.5 + width)
     return load
 
 
-def struck(width: float, start: float = 0.5, load=None) -> sb.System:
-    """Two masses at rest, the outer one struck by half a sine of 500 and stopped at 1e-3."""
+def struck(load) -> sb.System:
+    """Two masses at rest, the outer one struck by the load and stopped at 1e-3."""
+    contacts = [sb.Contact([0.0, 1.0], sb.Stops(upper=1e-3, stiffness=1e6))]
     return sb.System.from_matrices(
-        np.diag([1.0, 0.5]),
-        STIFFNESS,
-        1e-4 * STIFFNESS,
-        loads=[([0.0, 1.0], load or pulse(start, width))],
-        contacts=[sb.Contact([0.0, 1.0], sb.Stops(upper=1e-3, stiffness=1e6))],
+        np.diag([1.0, 0.5]), STIFFNESS, 1e-4 * STIFFNESS, loads=[([0.0, 1.0], load)], contacts=contacts
     )
-
-
-def parts(load, t_end: float = 1.0, **options) -> list[Interval]:
-    return smooth_intervals(Request(struck(0.002, load=load), t_end, "cvode", **options))
 
 
 @pytest.mark.parametrize("method", PHASED)
@@ -55,7 +48,7 @@ def parts(load, t_end: float = 1.0, **options) -> list[Interval]:
 @pytest.mark.fast(1)
 def test_a_short_load_on_a_system_at_rest_is_seen(method, width, impacts, peak):
     """Steps double at rest: without breakpoints they leap over a load of .2 ms in 1 s, and every tolerance agrees."""
-    ref = sb.reference(struck(width), 1.0, method, rtol=1e-8)
+    ref = sb.reference(struck(pulse(width)), 1.0, method, rtol=1e-8)
     assert ref.impacts.count == impacts
     assert abs(np.max(np.abs(ref.tip)) - peak) < 1e-5 * peak
     assert ref.horizon == 1.0
@@ -65,23 +58,21 @@ def test_a_short_load_on_a_system_at_rest_is_seen(method, width, impacts, peak):
 
 
 def test_a_function_states_its_breakpoints_itself():
-    load = pulse(0.0, 2e-6)
+    load = pulse(2e-6)
     load.breakpoints = (1.0 / 3.0 - 1e-6, 1.0 / 3.0 + 1e-6)
-    assert [p.end for p in parts(load)[:2]] == pytest.approx(list(load.breakpoints), abs=1e-15)
+    intervals = smooth_intervals(Request(struck(load), 1.0, "cvode"))
+    assert [p.end for p in intervals[:2]] == pytest.approx(list(load.breakpoints), abs=1e-15)
     load.breakpoints = (np.nan,)
     with pytest.raises(sb.InputError, match="breakpoints"):
-        parts(load)
+        smooth_intervals(Request(struck(load), 1.0, "cvode"))
 
 
 def test_max_step_is_held_and_what_makes_no_sense_is_refused():
-    system = struck(2e-3)
+    system = struck(pulse(2e-3))
     few, many = (solve(system, 0.1, "cvode-adams", None, 1e-4, max_step=h) for h in (None, 1e-4))
     assert many.work.counters["rhs"] >= 1000 > few.work.counters["rhs"]
-    for options, name in (
-        ({"max_step": -1.0}, "max_step"),
-        ({"breakpoints": [np.inf]}, "breakpoints"),
-    ):
-        with pytest.raises(sb.InputError, match=name):
+    for options in ({"max_step": -1.0}, {"breakpoints": [np.inf]}):
+        with pytest.raises(sb.InputError, match=next(iter(options))):
             sb.reference(system, 0.1, "cvode-adams", **options)
     with pytest.raises(sb.InputError, match="max_step"):
         sb.reference(bouncing_chain(), 0.1, "exact", max_step=0.1)
@@ -225,8 +216,7 @@ def test_a_solve_for_further_times_that_is_interrupted_leaves_no_wrong_states():
             raise KeyboardInterrupt
         return np.sin(1.3 * np.asarray(t))
 
-    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], push)], observe=[1.0])
-    reference = sb.reference(system, 6.0, "dop853", t_eval=[0.0, 3.0, 6.0])
+    reference = sb.reference(one_mass(4.0, load=push), 6.0, "dop853", t_eval=[0.0, 3.0, 6.0])
     broken.append(True)
     with pytest.raises(KeyboardInterrupt):
         reference.at([1.0, 2.0, 4.0])
@@ -237,8 +227,7 @@ def test_a_solve_for_further_times_that_is_interrupted_leaves_no_wrong_states():
 
 
 def test_several_threads_ask_one_reference_for_further_times():
-    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=[([1.0], sb.Harmonic(1.0, 1.3))], observe=[1.0])
-    reference = sb.reference(system, 6.0, "dop853", t_eval=[0.0, 6.0])
+    reference = sb.reference(one_mass(4.0, load=sb.Harmonic(1.0, 1.3)), 6.0, "dop853", t_eval=[0.0, 6.0])
     times = [np.linspace(0.0, 6.0, 50 + k) for k in range(8)]
     with ThreadPoolExecutor(8) as pool:
         for t, (tip, _) in zip(times, pool.map(reference.at, times), strict=True):
@@ -249,28 +238,24 @@ def test_several_threads_ask_one_reference_for_further_times():
 # ---------------------------------------------------------------- peak forces
 
 
-def mass(load, *contacts, speed=0.0, stiffness=4.0):
-    loads = [([1.0], load)]
-    return sb.System.from_matrices([[1.0]], [[stiffness]], None, loads, contacts, initial_velocity=[speed])
-
-
 def moved_by_a_record():
     """The stop's position at the peak is asked for then, not when the solver has gone on to another segment."""
     times = np.linspace(0.0, 3.0, 13)
     motion = sb.Sampled(times, 0.05 * np.sin(2.0 * times + 0.4), kind="cubic")
-    return mass(sb.Harmonic(1.0, 2.0), sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=100.0), motion), speed=1.0)
+    return one_mass(4.0, sb.Stops(upper=0.1, stiffness=100.0), load=sb.Harmonic(1.0, 2.0), offset=motion, v=1.0)
 
 
 def turned_by_another():
     """No rate of the force is zero: it jumps from above to below where the second stop is met."""
     near, far = sb.Stops(upper=0.05, stiffness=0.5, damping=0.5), sb.Stops(upper=0.15, stiffness=1e3, damping=80.0)
-    return mass(sb.Constant(4.0), sb.Contact([1.0], far), sb.Contact([1.0], near), stiffness=1.0)
+    contacts = [sb.Contact([1.0], far), sb.Contact([1.0], near)]
+    return sb.System.from_matrices([[1.0]], [[1.0]], None, [([1.0], sb.Constant(4.0))], contacts)
 
 
 def halting():
     """It comes towards the mass and goes back: the peak of a linear law is at the kink of its motion."""
     motion = sb.Sampled([0.0, 0.3, 0.5, 3.0], [0.0, 0.5, -0.2, 0.0])
-    return mass(sb.Constant(0.0), sb.Contact([1.0], sb.Stops(upper=0.1, stiffness=100.0), motion), speed=1.0)
+    return one_mass(4.0, sb.Stops(upper=0.1, stiffness=100.0), offset=motion, v=1.0)
 
 
 @pytest.mark.parametrize(

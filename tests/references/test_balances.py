@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from law_systems import kelvin_voigt_system, random_system, rigid_system
 from scipy.integrate import quad
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references import solve
@@ -121,9 +122,7 @@ def test_the_ledger_is_as_accurate_as_the_motion_where_a_stop_lets_go(method):
     """A stop that has let go holds energy until the gap opens, of which the motion, whose error steps them, knows
     nothing: what it takes in all is integrated, not what it dissipates."""
     stops = sb.Stops(lower=-0.07, stiffness=12.0, dissipation=1.3)
-    drive = [([1.0], sb.Harmonic(1.5, 3.0))]
-    start = {"initial_displacement": [-0.07], "initial_velocity": [2.0]}
-    system = sb.System.from_matrices([[1.0]], [[5.0]], loads=drive, contacts=[sb.Contact([1.0], stops)], **start)
+    system = one_mass(5.0, stops, load=sb.Harmonic(1.5, 3.0), q=-0.07, v=2.0)
     ledger = sb.reference(system, 4.0, method).energy
     assert np.max(np.abs(ledger.loss)) < 1e-6 * np.max(ledger.energy)
     assert np.min(np.diff(ledger.stop_dissipation)) > -1e-6 * np.max(ledger.energy)

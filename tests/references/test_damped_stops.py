@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from law_systems import Witness, free_system, kelvin_voigt_system
 from mpmath import mp, mpf
-from systems import one_mass
 
 import stiffbeam as sb
-from stiffbeam.basics.validation import InputError
 
 TIMES = np.linspace(0.0, 3.0, 61)
 
@@ -67,12 +65,3 @@ def test_a_free_mass_on_a_kelvin_voigt_wall(method, zeta):
     assert run.tip_velocity[-1] == pytest.approx(-e, abs=1e-14)
     assert run.tip[-1] == pytest.approx(0.25 + x - e * (7.75 - t), abs=1e-13)
     assert run.impacts.impulses == pytest.approx([1.0 + e], rel=1e-13)
-
-
-def test_a_damped_stop_that_moves_by_samples_is_refused():
-    t = np.linspace(0.0, 3.0, 10)
-    stops = sb.Stops(upper=0.1, stiffness=9.0, damping=1.0)
-    system = one_mass(1.0, stops, offset=sb.Sampled(t, 0.1 * t**2, kind="cubic"), v=1.0)
-    with pytest.raises(InputError, match=r"Harmonic and Constant.*solver cvode"):
-        sb.reference(system, 3.0)
-    assert sb.reference(system, 3.0, method="cvode-adams").impacts.count

@@ -81,12 +81,9 @@ def test_what_a_strong_dashpot_holds_is_known_to_its_horizon(c):
 
 def test_a_small_force_beside_a_large_one_is_felt():
     """1e-15 pulls a free mass by 1e-15 t^2/2, where 1 holds another by 1e-12."""
+    load = ([1.0, 1e-15], sb.Constant(1.0))
     system = sb.System.from_matrices(
-        np.eye(2),
-        np.diag([1e12, 0.0]),
-        np.diag([1.0, 0.0]),
-        observe=[1.0, 1.0],
-        loads=[([1.0, 1e-15], sb.Constant(1.0))],
+        np.eye(2), np.diag([1e12, 0.0]), np.diag([1.0, 0.0]), observe=[1.0, 1.0], loads=[load]
     )
     assert sb.reference(system, 100.0).tip[-1] == pytest.approx(6e-12, rel=1e-9)
 

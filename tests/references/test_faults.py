@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 
 import h5py
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam import references
@@ -112,9 +114,8 @@ def test_a_file_of_another_system_is_found(files, system, table10):
 @pytest.mark.parametrize("method", ["cvode", "cvode-adams", "ida", "dop853", "radau", "kvaerno3"])
 def test_work_without_end_is_given_up(method, monkeypatch):
     monkeypatch.setattr(restarts, "MOST_EVALUATIONS", 300)
-    system = sb.System.from_matrices([[1.0]], [[1.0]], observe=[1.0], initial_displacement=[1.0])
     with pytest.raises(sb.SolverFailure, match="more than 300; loosen rtol") as failure:
-        sb.reference(system, 500.0, method)
+        sb.reference(one_mass(1.0, q=1.0), 500.0, method)
     assert 0.0 < failure.value.t < 500.0
 
 
@@ -133,17 +134,11 @@ def test_what_no_pass_repeats_takes_its_time_from_all(monkeypatch):
     assert reached == [0.5, 0.6]
 
 
-class Ticking:
-    """A clock on which every look is a second."""
-
-    def __init__(self, monkeypatch, *modules) -> None:
-        self.now = 0.0
-        for module in modules:
-            monkeypatch.setattr(module, "clock", self)
-
-    def __call__(self) -> float:
-        self.now += 1.0
-        return self.now
+def tick(monkeypatch) -> None:
+    """From now on every look at the clock is a second."""
+    seconds = itertools.count(1.0)
+    for module in (resources, references):
+        monkeypatch.setattr(module, "clock", lambda: next(seconds))
 
 
 @pytest.mark.parametrize("method", ["cvode-adams", "ida", "dop853", "radau", "kvaerno5"])
@@ -151,7 +146,7 @@ def test_an_adaptive_reference_ends_where_its_budget_does(method, system, monkey
     """It is one path, not solved again, and the exact solution is the judge of it; further times lie on it, too."""
     t = np.linspace(0.0, 0.2, 2001)
     exact = sb.reference(system, 0.2, t_eval=t)
-    Ticking(monkeypatch, resources, references)
+    tick(monkeypatch)
     run = sb.reference(system, 0.2, method, t, rtol=1e-8, seconds=500.0)
     end = run.provenance["t_end"]
     assert 0.0 < run.t[-1] <= end < 0.2
@@ -166,10 +161,9 @@ def test_an_adaptive_reference_ends_where_its_budget_does(method, system, monkey
 
 def test_a_horizon_ends_where_the_second_solution_has_no_more_time(monkeypatch):
     """Of two solutions only what both have followed is certified."""
-    stops = sb.Stops(upper=0.1, stiffness=1e4, exponent=1.5)
-    hertz = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[sb.Contact([1.0], stops)], initial_velocity=[1.0])
+    hertz = one_mass(1.0, sb.Stops(upper=0.1, stiffness=1e4, exponent=1.5), v=1.0)
     t = np.linspace(0.0, 100.0, 4001)
-    Ticking(monkeypatch, resources, references)
+    tick(monkeypatch)
     run = sb.reference(hertz, 100.0, "cvode-adams", t, rtol=1e-8, seconds=6000.0)
     assert "ends there" in run.provenance["budget"]
     assert "that one ends at t = " in run.provenance["horizon_against"]

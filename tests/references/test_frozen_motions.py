@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from systems import function_of
 
 import stiffbeam as sb
 
@@ -29,23 +30,16 @@ ROUNDING = 1e-12  # of the scale: what any order of summation may lose before im
 FACTOR = 100.0  # of the deviation: another order of summation is another sample of a few roundings
 
 
-def function(data: list[Any]) -> Any:
-    kind, *numbers = data
-    if kind == "sum":
-        return sb.Superposition(*map(function, numbers))
-    return {"constant": sb.Constant, "harmonic": sb.Harmonic, "sampled": sb.Sampled}[kind](*numbers)
-
-
 def contact(data: dict[str, Any]) -> sb.Contact:
     stiffness = np.inf if data["stiffness"] is None else data["stiffness"]
     stops = sb.Stops(
         data["lower"], data["upper"], stiffness=stiffness, damping=data["damping"], restitution=data["restitution"]
     )
-    return sb.Contact(data["row"], stops, data["offset"] and function(data["offset"]))
+    return sb.Contact(data["row"], stops, function_of(data["offset"]))
 
 
 def system(data: dict[str, Any]) -> sb.System:
-    loads = [(vector, function(f)) for vector, f in data["loads"]]
+    loads = [(vector, function_of(f)) for vector, f in data["loads"]]
     contacts = [contact(c) for c in data["contacts"]]
     return sb.System.from_matrices(**data | {"loads": loads, "contacts": contacts})
 

@@ -12,27 +12,20 @@ import stiffbeam as sb
 from stiffbeam.references.horizon import agreement, apart
 
 
-def slow_and_fast(observed, **law):
-    stops = [sb.Stops(upper=upper, **law) for upper in (5.0, -0.05)]
+def slow_and_fast(observed, stiffness=3e4):
+    stops = [sb.Stops(upper=upper, stiffness=stiffness) for upper in (5.0, -0.05)]
     contacts = [sb.Contact(row, stop) for row, stop in zip(np.eye(2), stops, strict=True)]
     load = [([0.0, 1.0], sb.Harmonic(amplitude=1.0, frequency=5.2, phase=1.0))]
-    return sb.System.from_matrices(
-        np.eye(2),
-        np.diag([1e-8, 1.0]),
-        None,
-        load,
-        contacts,
-        observe=np.eye(2)[observed],
-        initial_displacement=[1.0, -0.3],
-    )
+    start = {"observe": np.eye(2)[observed], "initial_displacement": [1.0, -0.3]}
+    return sb.System.from_matrices(np.eye(2), np.diag([1e-8, 1.0]), None, load, contacts, **start)
 
 
 @pytest.mark.slow
 def test_a_fast_contact_beside_a_slow_tip():
     """For rigid stops ``test_frozen_motions.py`` has every contact up to the horizon."""
-    slow, fast = (sb.reference(slow_and_fast(i, stiffness=3e4), 300.0) for i in (0, 1))
+    slow, fast = (sb.reference(slow_and_fast(i), 300.0) for i in (0, 1))
     assert slow.horizon == fast.horizon < 250.0
-    many = sb.reference(slow_and_fast(0, stiffness=3e4), 300.0, "multiprecision", t_eval=slow.t).contacts[1]
+    many = sb.reference(slow_and_fast(0), 300.0, "multiprecision", t_eval=slow.t).contacts[1]
     position, times = many.position, many.impacts.times
     inside = slow.t <= slow.horizon
     mine = slow.contacts[1]
@@ -57,9 +50,9 @@ def test_a_contact_that_stands_still_does_not_end_it():
 
 def test_impacts_agree_by_their_own_distances():
     """A missing impact is seen however long the tolerance is that the slowest motion gives."""
-    run = sb.reference(slow_and_fast(1, stiffness=3e4), 30.0)
+    run = sb.reference(slow_and_fast(1), 30.0)
     assert agreement(run, run, 60.0) == 30.0
-    other = sb.reference(slow_and_fast(1, stiffness=2.9e4), 30.0)
+    other = sb.reference(slow_and_fast(1, 2.9e4), 30.0)
     assert agreement(run, other, 60.0) < 30.0
 
 

@@ -3,24 +3,14 @@ matrix exponentials."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
+from systems import one_mass
 
 import stiffbeam as sb
-
-
-def system(mass, damping, stiffness, contacts=(), loads=(), q0=None, v0=None):
-    n = len(mass)
-    return sb.System.from_matrices(
-        mass, stiffness, damping, contacts=[sb.Contact(row, stops) for row, stops in contacts], loads=loads,
-        observe=np.eye(n)[0], initial_displacement=q0, initial_velocity=v0,
-    )  # fmt: skip
-
-
-def one(damping, stiffness, load, q0, v0, contacts=()):
-    loads = [] if load is None else [([1.0], load)]
-    return system([[1.0]], [[damping]], [[stiffness]], contacts, loads, [q0], [v0])
 
 
 @pytest.mark.parametrize("method", ["exact", "multiprecision"])
@@ -42,8 +32,9 @@ def one(damping, stiffness, load, q0, v0, contacts=()):
 @pytest.mark.fast(8)
 def test_closed_forms_of_one_mass(method, damping, stiffness, load, q0, v0, closed):
     """Two contacts out of reach, so that it is the solution by complex exponentials."""
-    far = [([1.0], sb.Stops(-1e3, 1e3, stiffness=1.0))] * 2
-    ref = sb.reference(one(damping, stiffness, load, q0, v0, far), 5.0, method)
+    far = [sb.Contact([1.0], sb.Stops(-1e3, 1e3, stiffness=1.0))] * 2
+    system = replace(one_mass(stiffness, damping=damping, load=load, q=q0, v=v0), contacts=far)
+    ref = sb.reference(system, 5.0, method)
     assert ref.horizon == 5.0
     assert np.max(np.abs(ref.tip - closed(ref.t))) < 2e-14 * np.max(np.abs(closed(ref.t)))
 

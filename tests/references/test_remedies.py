@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from systems import one_mass
 
 import stiffbeam as sb
 
@@ -20,10 +23,9 @@ def python(t):
     return 50.0 * np.sin(5.0 * np.asarray(t))
 
 
-def oscillator(stop, load=DRIVE, damping=1.0, offset=None, more=()):
+def oscillator(stop, load=DRIVE, damping=1.0, offset=None):
     """One mass, driven against stops."""
-    contacts = [sb.Contact([1.0], sb.Stops(**stop), offset), *(sb.Contact([1.0], sb.Stops(**x)) for x in more)]
-    return sb.System.from_matrices([[1.0]], [[100.0]], [[damping]], loads=[([1.0], load)], contacts=contacts)
+    return one_mass(100.0, sb.Stops(**stop), damping=damping, load=load, offset=offset)
 
 
 def two(first, second):
@@ -43,7 +45,7 @@ RIGID, LAWLESS, STIFF = (
 PYTHON, SAMPLED = oscillator(STOP, python), oscillator(STOP, RECORD)
 RECORDED = oscillator(STOP | {"damping": 5.0}, offset=MOVED)  # a dashpot that a record moves
 MIXED, STIFFER = two(HARD, STOP), two(STOP | {"stiffness": 1e7}, STOP)
-TWICE, ONCE = oscillator(HARD, more=[HARD]), RIGID
+TWICE = replace(RIGID, contacts=RIGID.contacts * 2)
 
 
 def exact(system, method="exact"):
@@ -52,34 +54,6 @@ def exact(system, method="exact"):
 
 def march(system, scheme, contact="implicit"):
     return sb.integrate(system, scheme, 1e-3, 0.3, contact=contact)
-
-
-def orbit(system):
-    return sb.periodic_orbit(system, PERIOD)
-
-
-def lyapunov(system):
-    return sb.lyapunov(system, 1.0)
-
-
-def study(name, system, **options):
-    return sb.study(name, system, dt=1e-2, t_end=1.0, jobs=1, **options)
-
-
-def chaos(system):
-    return study("chaos", system, starts=6, span=0.2, schemes=["HHT(alpha=-0.1)"])
-
-
-def orbits(system):
-    return study("orbits", system, values=[4.8, 5.2])
-
-
-def limit(system):
-    return study("rigid", system, factors=[1.0], impacts=1)
-
-
-def sweep(system, **more):
-    return study("sweep", system, **{"values": [4.8, 5.2], "periods": 1, **more})
 
 
 def members(system, **more):
@@ -94,10 +68,6 @@ def differences(system):
     return [exact(x, "cvode").tip for x in sb.varied_members(system, {"stops.upper": [0.0999, 0.1001]}).systems]
 
 
-def flow(system):
-    return sb.jax_flow(system, ["stops.upper"], [0.1, 0.2])
-
-
 def jacobian(system):
     import jax
 
@@ -109,6 +79,13 @@ def reduced(modes):
     return sb.reduce_model(np.diag([1.0, 1.0, 0.0]), np.diag([1.0, 2.0, 3.0]), modes=modes, observe=[1.0, 0.0, 0.0])
 
 
+study = partial(sb.study, dt=1e-2, t_end=1.0, jobs=1)
+chaos = partial(study, "chaos", starts=6, span=0.2, schemes=["HHT(alpha=-0.1)"])
+orbits = partial(study, "orbits", values=[4.8, 5.2])
+sweep = partial(study, "sweep", values=[4.8, 5.2], periods=1)
+limit = partial(study, "rigid", factors=[1.0], impacts=1)
+orbit, lyapunov = partial(sb.periodic_orbit, period=PERIOD), partial(sb.lyapunov, t_end=1.0)
+flow = partial(sb.jax_flow, wrt=["stops.upper"], t=[0.1, 0.2])
 SAMPLE, OTHER, GIVE = "sample it: Sampled(t, values, 'cubic')", ", or use the solver cvode-adams", "give one, or"
 LEAST, LARGE, CHAOS = "leave it out", "use a large one, 1e8", ', or take the study "chaos"'
 STOPPED, SUM = "leave out what gives energy", "write it as a sum of harmonics"
@@ -124,7 +101,7 @@ REMEDIES = [
     ((exact, oscillator(HARD, python)), SAMPLE, (exact, oscillator(HARD, RECORD))),
     ((exact, LAWLESS), GIVE, (exact, RIGID)),
     ((exact, MIXED), ALL, (exact, STIFFER)),
-    ((exact, TWICE), "leave one out", (exact, ONCE)),
+    ((exact, TWICE), "leave one out", (exact, RIGID)),
     ((exact, oscillator(HARD, offset=sb.Sampled(T, 0.01 * np.sin(T)))), 'samples of kind "cubic"',
      (exact, oscillator(HARD, offset=MOVED))),
     ((exact, oscillator(STOP, sb.Sampled(T + 5.0, T))), "begin at 0", (exact, oscillator(STOP, sb.Sampled(T, T)))),
@@ -164,7 +141,7 @@ REMEDIES = [
      (march, RIGID, sb.MoreauJean())),
     ((march, LAWLESS, sb.MoreauJean()), "give the stops a restitution", (march, RIGID, sb.MoreauJean())),
     ((march, MIXED, sb.HHT()), "very stiff ones for inf", (march, STIFFER, sb.HHT())),
-    ((march, TWICE, sb.MoreauJean()), "leave out contacts that follow from others", (march, ONCE, sb.MoreauJean())),
+    ((march, TWICE, sb.MoreauJean()), "leave out contacts that follow from others", (march, RIGID, sb.MoreauJean())),
     ((march, DASHPOT, sb.HHT(), "extrapolated"), "use the implicit contact", (march, DASHPOT, sb.HHT())),
     ((march, LINEAR, sb.HHT(), "conserving"), "use Trapezoidal or ExponentialFlow",
      (march, LINEAR, sb.Trapezoidal(), "conserving"), (march, LINEAR, sb.ExponentialFlow(), "conserving")),
@@ -180,23 +157,13 @@ REMEDIES = [
 ]  # fmt: skip
 
 
-@pytest.fixture(autouse=True)
-def _float64():
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    yield
-    jax.config.update("jax_enable_x64", False)
-
-
 def _call(function, *arguments):
     *others, options = arguments
     return function(*others, **options) if isinstance(options, dict) else function(*arguments)
 
 
-@pytest.mark.parametrize(
-    ("refused", "remedy", "applied"), [pytest.param(a, b, c, id=f"{a[0].__name__}-{b[:40]}") for a, b, *c in REMEDIES]
-)
+@pytest.mark.usefixtures("jax_in_float64")
+@pytest.mark.parametrize(("refused", "remedy", "applied"), [pytest.param(a, b, c, id=b[:40]) for a, b, *c in REMEDIES])
 def test_a_remedy_can_be_applied_where_it_is_given(refused, remedy, applied):
     with pytest.raises(sb.InputError, match=re.escape(remedy)):
         _call(*refused)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 from law_systems import Witness
-from systems import SYSTEMS, rotor
+from systems import SYSTEMS, one_mass, rotor
 
 import stiffbeam as sb
 from stiffbeam.references import solve
@@ -97,14 +97,11 @@ def test_a_solution_that_is_not_a_number_agrees_with_nothing(table10):
 
 
 @pytest.mark.slow
-def test_kvaerno_keeps_its_program_on_disk_and_refuses_what_jax_cannot_trace(table10):
+def test_kvaerno_keeps_its_program_on_disk(table10):
     system, t = sb.semidiscretise(table10, 8), np.linspace(0.0, 0.03, 31)
     ref = solve(system, 0.03, "kvaerno3", t, 1e-5, None)
     assert relative(ref, solve(system, 0.03, "exact", t, 0.0, None)) < 1e-3
     assert jax.config.jax_compilation_cache_dir
-    pushed = replace(table10, loads=(sb.PointLoad(0.5, lambda t: 0 * t),))
-    with pytest.raises(sb.InputError, match="Harmonic, Constant and Sampled"):
-        solve(sb.semidiscretise(pushed, 8), 0.1, "kvaerno5", None, 1e-6, None)
 
 
 # ------------------------------------------------------------------ damping that is not symmetric or gives energy
@@ -120,21 +117,17 @@ def test_the_exact_solution_follows_the_rotor():
     assert np.max(np.abs(run.energy.loss)) < 1e-6 * np.max(run.energy.energy)  # gyroscopic forces do no work
 
 
-def test_what_needs_a_symmetric_or_passive_damping_refuses_another():
+def test_what_needs_a_symmetric_damping_refuses_another():
     free = replace(rotor(), contacts=(), loads=())
     from stiffbeam.measures.amplification import free_mode_errors
 
     with pytest.raises(sb.InputError, match=r"damping must have a symmetric .*for the errors of each mode"):
         free_mode_errors(sb.integrate(free, sb.HHT(), 1e-3, 1.0))
-    for damping in ([[np.nan]], [[1.0, 0.0]]):
-        with pytest.raises(sb.InputError, match="damping must"):
-            sb.System.from_matrices([[1.0]], [[1.0]], damping, observe=[1.0])
 
 
-def test_damping_that_gives_energy_is_marched_and_refused_or_solved_exactly():
+def test_damping_that_gives_energy_is_marched_and_solved():
     """x'' - .2 x' + 40 x = 0 grows until it meets both stops: the adaptive solvers agree, and so do the schemes."""
-    stops = sb.Contact([1.0], sb.Stops(-0.1, 0.1, stiffness=500.0))
-    system = sb.System.from_matrices([[1.0]], [[40.0]], [[-0.2]], contacts=[stops], initial_velocity=[0.5])
+    system = one_mass(40.0, sb.Stops(-0.1, 0.1, stiffness=500.0), damping=-0.2, v=0.5)
     assert not system.passive
     ref = sb.reference(system, 3.0, "dop853", t_eval=TIMES)
     assert ref.impacts.count > 0
@@ -143,5 +136,3 @@ def test_damping_that_gives_energy_is_marched_and_refused_or_solved_exactly():
     run = sb.integrate(system, sb.HHT(), 1e-3, 3.0, every=10)
     assert np.max(np.abs(run.tip - ref.tip)) < 1e-3 * np.max(np.abs(ref.tip))
     assert run.energy.viscous[-1] == pytest.approx(ref.energy.viscous[-1], rel=1e-2)
-    with pytest.raises(sb.InputError, match=r"damping must take energy .*use the solver cvode-adams"):
-        sb.reference(system, 3.0)

@@ -130,9 +130,7 @@ def test_an_event_that_rounding_blurs_moves_no_clock(method):
     "law", [{"stiffness": np.inf, "restitution": 0.5}, {"stiffness": 1e3}], ids=["rigid", "spring"]
 )
 def test_what_rests_on_a_stop_touches_it_where_a_force_presses(law, pull):
-    contact = sb.Contact([1.0], sb.Stops(lower=0.0, **law))
-    loads = [([1.0], sb.Constant(pull))] if pull else []
-    system = sb.System.from_matrices([[1.0]], [[4.0]], loads=loads, contacts=[contact])
+    system = one_mass(4.0, sb.Stops(lower=0.0, **law), load=sb.Constant(pull) if pull else None)
     scheme = sb.MoreauJean() if system.rigid else sb.BDF2()
     for run in (sb.reference(system, 1.0), sb.integrate(system, scheme, 1e-3, 1.0)):
         assert run.contacts[0].fraction == pytest.approx(-pull)

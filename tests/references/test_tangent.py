@@ -7,21 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 from law_systems import kelvin_voigt_system, rigid_system
-from systems import two_contacts
+from systems import beam_of, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.references import horizon
 from stiffbeam.references.exact.motion import Solver
 from stiffbeam.references.exact.tangent import Tangent, Variation
-
-
-def table(number: int) -> sb.System:
-    case = sb.paper_case(number)
-    return sb.semidiscretise(case.problem, case.cells)
-
-
-def viscous(table10) -> sb.System:
-    return sb.semidiscretise(dataclasses.replace(table10, viscosity=0.02), 10)
 
 
 def test_without_contact_the_energy_of_a_tangent_vector_is_conserved(table10):
@@ -44,8 +35,8 @@ def test_a_damped_oscillator_loses_half_its_damping_a_period():
 
 
 PARTING = {  # system, end, step along the vector, error of the logarithm, whether at all times or at the end
-    "table 10": (lambda: sb.semidiscretise(sb.paper_case(10).problem, 10), 0.15, 1e-8, 0.05, True),
-    "viscous": (lambda: viscous(sb.paper_case(10).problem), 0.3, 1e-8, 0.05, True),
+    "table 10": (lambda: beam_of("displacement"), 0.15, 1e-8, 0.05, True),
+    "viscous": (lambda: beam_of("displacement", 0.02), 0.3, 1e-8, 0.05, True),
     "two contacts": (two_contacts, 6.0, 1e-8, 0.05, True),
     **{f"damped stops {s}": (lambda s=s: kelvin_voigt_system(s), 3.0, 1e-7, 2e-6, False) for s in (0, 1, 3, 7)},
     **{f"rigid stops {s}": (lambda s=s: rigid_system(s), 1.5, 1e-8, 1e-5, False) for s in (1, 2, 4, 5, 6, 7, 8, 10)},

@@ -4,7 +4,7 @@ Those that other tests ask:
     Kelvin-Voigt restitution                             test_damped_stops
     Hunt-Crossley restitution, Hertz                     test_known_answers
     a ball's and a preloaded oscillator's last bounce    test_known_answers
-    speed and phase of the impact oscillator             test_orbit; of the rational orbit, test_known_answers
+    speed and phase of the rational orbit                test_known_answers
     nonsmooth modes of a chain and of the beam           test_known_answers
     the chain that sticks once a period                  test_known_answers
     bars on a wall, in rational numbers                  test_known_answers, test_rigid
@@ -66,8 +66,11 @@ def test_the_multipliers_of_the_impact_oscillator(w, V, t0, multipliers):
         one_mass(1.0, wall, load=sb.Harmonic(1.0, w, w * t + 0.5 * np.pi), v=-e * V) for t in (t0, t0 + T / 2)
     )
     start = [x[-1] for x in sb.reference(one, T / 2).states]
-    orbit = sb.periodic_orbit(later, T, start)
+    orbit = sb.periodic_orbit(later, T, (start[0] + 1e-3, start[1]))
     assert np.allclose([orbit.q, orbit.v], start, rtol=1e-11)
+    assert np.allclose(orbit.events, [0.5 * T], rtol=1e-12)
+    assert orbit.stable == (np.max(np.abs(multipliers)) < 1.0)
+    assert orbit.closure < 1e-13
     assert np.sum(orbit.multipliers) == pytest.approx(sum(multipliers), rel=1e-12)
     assert np.prod(orbit.multipliers) == pytest.approx(e * e, rel=1e-12)
 
