@@ -97,9 +97,17 @@ class Ensemble(Study):
         """Impacts, time in contact, forces and energy of every method at each contact, against the exact ensemble."""
         numbers = sorted(table.contact_number.dropna().unique())
         answers = [self._of_contact(table[table.contact_number == n], case) for n in numbers]
-        if len(answers) == 1 or not len(answers[0].table):
+        if not len(answers[0].table):
             return answers[0]
-        verdict = " ".join(f"At contact {n:g}: {each.verdict}" for n, each in zip(numbers, answers, strict=True))
+        said = [each.verdict for each in answers]
+        if len(answers) > 1:
+            said = [f"at contact {n:g} {each}" for n, each in zip(numbers, said, strict=True)]
+        count = len(distribution(table[(table.method == "exact") & (table.contact_number == numbers[0])], "count"))
+        verdict = (
+            f"Over {count} members to t = {case.t_end:g} the exact solution has {'; '.join(said)}; dt = {case.dt:g}."
+        )
+        if len(answers) == 1:
+            return answers[0]._replace(verdict=verdict)
         parts = [each.table.assign(at=f"  contact {n:g}") for n, each in zip(numbers, answers, strict=True)]
         small, rows = pd.concat(parts).fillna(DASH), list[Row]()
         of_run = [head for head in small if "lost" in head]
@@ -136,12 +144,11 @@ class Ensemble(Study):
                 line[with_unit(units, "median duration", "time")] = f"{row['median']:.2g}"
                 line[with_unit(units, "half-time duration", "time")] = f"{row['half_time']:.2g}"
             small.append(line)
-        counted = f"; schemes count {extremes(means, '{:.4g}'.format)} at dt = {case.dt:g}" if means else ""
+        counted = f", schemes count {extremes(means, '{:.4g}'.format)}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
         share = percent(float(np.mean(distribution(table[table.method == "exact"], "fraction"))))
         return Answer(
-            f"Over {len(exact)} members the exact solution has {np.mean(exact):.4g} ± {np.std(exact):.2g} impacts to "
-            f"t = {case.t_end:g} and is in contact {share} of the time{counted}.",
+            f"{np.mean(exact):.4g} ± {np.std(exact):.2g} impacts and is in contact {share} of the time{counted}",
             pd.DataFrame(small),
             f"Members perturbed by {self.size:g}, dt = {case.dt:g}: mean ± standard deviation. Off by: difference of "
             "the means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of "
