@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 LONGEST = 300  # letters of a message
-Units = tuple[
-    str, ...
-]  # labels of length, time and force, or () where none are given; only times of records are converted
+# Labels of length, time and force, or () where none are given; only times of records are converted.
+Units = tuple[str, ...]
 SI: Units = ("m", "s", "N")
 
 

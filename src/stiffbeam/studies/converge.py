@@ -216,10 +216,7 @@ class Converge(Study):
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
         if "energy_lost" in at and any(name not in columns["energy lost at dt"] for name in by_integrator.groups):
-            notes += (
-                " Energy lost: only of states that are supplied with energy, and where dt resolves the dissipation "
-            )
-            notes += "of dampers."
+            notes += " Energy lost: only of states with energy, and where dt resolves the dissipation of dampers."
         return Answer(verdict.strip(), small, notes)
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
