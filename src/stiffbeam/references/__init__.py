@@ -4,13 +4,29 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..basics.arrays import Array
 from ..basics.resources import OutOfTime, Show, clock, deadline, working
 from ..basics.validation import InputError, numbers, positive
-from .registry import ADAPTIVE, BEST, EXACT, METHODS, MULTIPRECISION, REFERENCES, RTOL, Request, method_of
+from .registry import (
+    ADAPTIVE,
+    BEST,
+    EXACT,
+    METHODS,
+    MULTIPRECISION,
+    REFERENCES,
+    RTOL,
+    Request,
+    filled,
+    method_of,
+    output_times,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -96,6 +112,11 @@ def reference(
 
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
     request = _checked(Request(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step))
+    if times is not None:
+        times = output_times(times, request.t_end)
+        # The horizon holds between outputs, too: it is measured at no fewer times than by default.
+        if method_of(method).kind != MULTIPRECISION:
+            request = request._replace(t_eval=filled(times, request.t_end))
     seconds = math.inf if seconds is None else positive("seconds", seconds)
     end, passes, percent = clock() + seconds, PASSES[method_of(method).kind], 0
 
@@ -125,9 +146,9 @@ def reference(
     with working(f"{method}: solving", progress) as show:
         show(f"{method}: solving", 0, 0)
         solution = within(passes, request)
-        if not math.isnan(solution.horizon):
-            return solution  # confirmed by more digits
-        return with_horizon(solution, request, partial(within, 1.0), show)
+        if math.isnan(solution.horizon):  # not confirmed by more digits
+            solution = with_horizon(solution, request, partial(within, 1.0), show)
+        return solution if times is None else _thinned(solution, times, seconds)
 
 
 def _until(t: float, request: Request, seconds: float) -> Request:
@@ -137,11 +158,29 @@ def _until(t: float, request: Request, seconds: float) -> Request:
         times = times[times <= t]
         t = float(times[-1]) if len(times) > 2 else 0.0
     if t <= 0.0:
-        from ..trajectory.trajectory import SolverFailure
-
-        reason = f"{seconds:g} s of CPU end before its first outputs"
-        raise SolverFailure(request.method, 0.0, reason, "give more seconds")
+        raise _too_short(request.method, seconds)
     return request._replace(t_end=t, t_eval=times)
+
+
+def _thinned(solution: Reference, times: Array, seconds: float) -> Reference:
+    """The solution with outputs at those of the times (k,) that it has reached."""
+    from ..trajectory.records import Ledger
+
+    rows = np.searchsorted(solution.t, times[times <= solution.t[-1]])
+    if len(rows) < 2:
+        raise _too_short(str(solution.provenance["method"]), seconds)
+    t, tip, tip_velocity = (x[rows] for x in (solution.t, solution.tip, solution.tip_velocity))
+    contacts = tuple(
+        replace(c, position=c.position[rows], velocity=c.velocity[rows], force=c.force[rows]) for c in solution.contacts
+    )
+    ledger = lambda: Ledger(*(x[rows] for x in vars(solution.energy).values()))  # noqa: E731
+    return replace(solution, t=t, tip=tip, tip_velocity=tip_velocity, contacts=contacts, ledger=ledger)
+
+
+def _too_short(method: str, seconds: float) -> Exception:
+    from ..trajectory.trajectory import SolverFailure
+
+    return SolverFailure(method, 0.0, f"{seconds:g} s of CPU end before its first outputs", "give more seconds")
 
 
 def best_reference(

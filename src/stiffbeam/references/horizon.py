@@ -26,7 +26,7 @@ from .exact.contacts import DUST, audit, entries, largest_momentum, withheld, wi
 from .exact.motion import Motion, Solver
 from .exact.solution import refuse, solve_exact
 from .exact.tangent import Tangent, Variation
-from .registry import OUTPUTS, Request
+from .registry import Request
 
 COPIES = 8  # of the problem, each perturbed in its own way
 PERTURBATION = 16.0 * float(np.finfo(float).eps)  # of all numbers of a copy
@@ -200,9 +200,6 @@ def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Sh
         _, kept = withheld(motion, t_end)
         rows = [system.channels[i][0] for i in (system.tip_channel, *range(len(system.contacts)))]
         scales = np.maximum(scales, np.abs(rows) @ kept / (PART * DISPLACEMENT_TOLERANCE)).tolist()
-    # Outputs that begin late show nothing of the time before.
-    if t[0] > 0.0:
-        t = np.append(np.linspace(0.0, t[0], OUTPUTS, endpoint=False), t)
     most = min(t_end, _of_free_modes(system))
     horizon = copies_agree_until(motion, t, tolerance, scales, most, show)
     # Some copy differs at the first output after the start already: look at earlier times.

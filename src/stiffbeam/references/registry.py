@@ -144,3 +144,11 @@ def output_times(t_eval: Array | None, t_end: float) -> Array:
         raise InputError("t_eval", t, rule, "for a comparison pass t_eval=run.t")
     # The last time of a run may pass t_end by rounding.
     return np.minimum(t, t_end)
+
+
+def filled(times: Array, t_end: float) -> Array:
+    """The output times (k,), and others on [0, t_end] where they are farther apart than by default."""
+    edges = np.union1d(times, [0.0, t_end])
+    parts = np.ceil(np.diff(edges) * (OUTPUTS - 1) / t_end * (1.0 - 1e-9)).astype(int)
+    between = (np.linspace(a, b, n, endpoint=False) for a, b, n in zip(edges[:-1], edges[1:], parts, strict=True))
+    return np.append(np.concatenate([*between]), t_end)
