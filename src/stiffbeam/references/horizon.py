@@ -29,6 +29,7 @@ from .exact.tangent import Tangent, Variation
 from .registry import Request
 
 COPIES = 8  # of the problem, each perturbed in its own way
+FOURTH = 4  # output times of which a copy is compared at one; its impacts are all compared
 PERTURBATION = 16.0 * float(np.finfo(float).eps)  # of all numbers of a copy
 SOON = 40  # powers of two below t_end
 PART = 0.5  # of the tolerances, to which two solutions must agree: each may be off by as much
@@ -163,7 +164,7 @@ def copies_agree_until(
     motion: Motion, t: Array, tolerance: float, scales: list[float], horizon: float, show: Show = silent
 ) -> float:
     """The time, ``horizon`` at most, to which COPIES of the problem agree with its motion at the times t (k,)."""
-    solver = Solver(motion.system)
+    solver = Solver(motion.system, motion.free)
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
         copy = solver.perturbed(PERTURBATION, seed)
@@ -193,7 +194,8 @@ def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Sh
     solution to half the tolerance. No copy shows that a mode counts as free which a stiffness within the rounding of K
     would hold back: the horizon ends where that reaches the tolerance. Raises SolverFailure where it ends at once.
     """
-    motion, t, scales = reference.solution, reference.t, scales_of(reference)
+    motion, scales = reference.solution, scales_of(reference)
+    t = np.append(reference.t[:-1:FOURTH], reference.t[-1])
     system: System = motion.system
     if system.rigid:
         # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
