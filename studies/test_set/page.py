@@ -129,9 +129,9 @@ def central_differences(system, dt, t_end):
 
     positions, velocities = [q], [v]
     for k in range(len(t) - 1):
-        half = v + 0.5 * dt * acceleration(t[k], q, v)
-        q = q + dt * half
-        v = half + 0.5 * dt * acceleration(t[k + 1], q, half)
+        now = acceleration(t[k], q, v)
+        q = q + dt * (v + 0.5 * dt * now)
+        v = v + 0.5 * dt * (now + acceleration(t[k + 1], q, v + dt * now))
         positions.append(q)
         velocities.append(v)
     return t, np.array(positions), np.array(velocities)
