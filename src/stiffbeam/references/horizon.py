@@ -30,7 +30,7 @@ from .registry import OUTPUTS, Request
 
 COPIES = 8  # of the problem, each perturbed in its own way
 PERTURBATION = 16.0 * float(np.finfo(float).eps)  # of all numbers of a copy
-SOON = 40  # powers of two below the last output
+SOON = 40  # powers of two below t_end
 PART = 0.5  # of the tolerances, to which two solutions must agree: each may be off by as much
 DISPLACEMENT_TOLERANCE = 1e-3  # of max |u|
 IMPULSES = 0.01  # of the largest impulse of a contact
@@ -166,26 +166,42 @@ def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Sh
     solution to half the tolerance. No copy shows that a mode counts as free which a stiffness within the rounding of K
     would hold back: the horizon ends where that reaches the tolerance. Raises SolverFailure where it ends at once.
     """
-    motion, scales = reference.solution, watched(reference).scales
+    motion, scales, t = reference.solution, watched(reference).scales, reference.t
     system: System = motion.system
     if system.rigid:
         # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
         _, kept = withheld(motion, t_end)
         scales = np.maximum(scales, np.abs(_rows(system)) @ kept / (PART * DISPLACEMENT_TOLERANCE))
-    # Outputs that begin late show nothing of the time before, nor the first of some copy that differs there already.
-    soon = reference.t[-1] * 2.0 ** np.arange(-SOON, 0.0)
-    t = np.union1d(reference.t, np.append(soon, np.linspace(0.0, reference.t[0], OUTPUTS)))
+    # Outputs that begin late show nothing of the time before.
+    if t[0] > 0.0:
+        t = np.append(np.linspace(0.0, t[0], OUTPUTS, endpoint=False), t)
+    most = min(t_end, _of_free_modes(system))
+    horizon = copies_agree_until(motion, t, tolerance, scales, most, show)
+    # Some copy differs at the first output after the start already: look at earlier times.
+    if horizon == 0.0:
+        soon = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
+        horizon = copies_agree_until(motion, soon, tolerance, scales, most, show)
+        if horizon <= soon[1] and not system.rigid:
+            reason = "rounding is as large as the outputs from the start"
+            raise SolverFailure("exact", 0.0, reason, "use multiprecision")
+    against = f"{COPIES} copies of the problem, its numbers off by {PERTURBATION:.2g}, to half the tolerance"
+    ends = _order_decides(motion, horizon, reference.t) if system.rigid and horizon < t_end else ""
+    return horizon, {"horizon_against": against} | ({"horizon_ends": ends} if ends else {})
+
+
+def copies_agree_until(motion: Motion, t: Array, tolerance: float, scales: Array, horizon: float, show: Show) -> float:
+    """The time, ``horizon`` at most, to which COPIES of the problem agree with its motion at the times t (k,)."""
+    solver = Solver(motion.system)
 
     def agreed(copy: Solver, until: float) -> float:
-        """The time to which a copy agrees, at the times t up to the first behind ``until``."""
+        """The time to which a copy agrees, at the times up to the first behind ``until``."""
         part = t[: max(2, 1 + int(np.searchsorted(t, until)))]
         end = float(part[-1])
         with within_float64("exact", end):
             other = _watched_motion(copy.solve(end, stations=part), part, scales)
         # Of a chatter either may count more impacts.
-        return agree_until(_watched_motion(motion, part, scales), other, tolerance, system.rigid)
+        return agree_until(_watched_motion(motion, part, scales), other, tolerance, motion.system.rigid)
 
-    solver, horizon = Solver(system), min(t_end, _of_free_modes(system))
     for seed in range(COPIES):
         show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
         copy = solver.perturbed(PERTURBATION, seed)
@@ -193,13 +209,9 @@ def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Sh
         try:
             horizon = min(horizon, agreed(copy, horizon))
         except SolverFailure as stopped:
-            before = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
-            horizon = min(before, agreed(copy, float(np.nextafter(before, 0.0))))
-    if horizon <= soon[0] and not system.rigid:
-        raise SolverFailure("exact", 0.0, "rounding is as large as the outputs from the start", "use multiprecision")
-    against = f"{COPIES} copies of the problem, its numbers off by {PERTURBATION:.2g}, to half the tolerance"
-    ends = _order_decides(motion, horizon, reference.t) if system.rigid and horizon < t_end else ""
-    return horizon, {"horizon_against": against} | ({"horizon_ends": ends} if ends else {})
+            horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
+            horizon = min(horizon, agreed(copy, float(np.nextafter(horizon, 0.0))))
+    return horizon
 
 
 def _order_decides(solution: Motion, horizon: float, t: Array) -> str:
@@ -383,12 +395,10 @@ def _on_stops(tangent: Tangent, segment: int, dz: Array) -> Array:
     regime, n = tangent.regimes[segment], tangent.variation.n
     if not regime.held or (segment and set(regime.held) <= set(tangent.regimes[segment - 1].held)):
         return dz
-    parts, H = [], tangent.variation.free.rows[regime.held]
-    for x in (dz[:, :n], dz[:, n:]):
-        kept = x - x @ np.linalg.pinv(H) @ H
-        left, whole = (np.linalg.norm(y, axis=1, keepdims=True) for y in (kept, x))
-        parts.append(np.where(left > ROUNDING * whole, kept, 0.0))
-    return np.hstack(parts)
+    H, halves = tangent.variation.free.rows[regime.held], dz.reshape(len(dz), 2, n)
+    kept = halves - halves @ np.linalg.pinv(H) @ H
+    left, whole = (np.linalg.norm(x, axis=2, keepdims=True) for x in (kept, halves))
+    return np.where(left > ROUNDING * whole, kept, 0.0).reshape(dz.shape)
 
 
 def _vectors(tangent: Tangent, rng: Rng) -> Array:

@@ -253,19 +253,16 @@ def withheld(solution: Motion, t_end: float) -> tuple[float, Array]:
 
 
 def _beyond(solution: Motion, t: Array, kept: Array) -> float:
-    """Largest penetration at the starts of the segments, less rounding and ``kept`` (n,), relative to the largest gap
-    or displacement, also at the times t (k,)."""
-    times, worst = solution.times, 0.0
-    (q, v), (q_between, _) = solution.states(times, np.arange(len(times))), solution.states(t)
+    """Largest penetration at the starts of the segments and at the times t (k,), less rounding and ``kept`` (n,),
+    relative to the largest gap or displacement."""
+    parts = solution.states(solution.times, np.arange(len(solution.times))), solution.states(t)
+    (q, v), times, worst = map(np.concatenate, zip(*parts, strict=True)), np.append(solution.times, t), 0.0
     for contact in solution.system.contacts:
-        shift, stops = offset_values(contact.offset, times), contact.stops
+        row, shift, stops = np.abs(contact.row), offset_values(contact.offset, times), contact.stops
         u = q @ contact.row + shift
-        between = q_between @ contact.row + offset_values(contact.offset, t)
         # Of positions, and of the times of events.
         moved = np.abs(q) + times[:, None] * np.abs(v)
-        rounding = ROUNDINGS * EPS * float(np.max(moved @ np.abs(contact.row) + np.abs(shift)))
-        rounding += float(kept @ np.abs(contact.row))
-        sizes = [abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)]
-        sizes += [float(np.max(np.abs(x))) for x in (u, between)] + [1e-300]
-        worst = max(worst, (float(np.max(np.abs(stops.penetration(u)))) - rounding) / max(sizes))
+        rounding = ROUNDINGS * EPS * float(np.max(moved @ row + np.abs(shift))) + float(kept @ row)
+        size = max(float(np.max(np.abs(u))), *(abs(g) for _, g in stops.sides), 1e-300)
+        worst = max(worst, (float(np.max(np.abs(stops.penetration(u)))) - rounding) / size)
     return worst

@@ -116,16 +116,12 @@ def _estimate(system: System, t_end: float) -> int:
 
 def _agreement(a: Reference, b: Reference) -> float:
     """The time to which two precisions agree in every event and in the displacement."""
-    # First event that differs, or that only one run has.
     x, y = a.solution, b.solution
     n = min(len(x.times), len(y.times))
-    apart = np.any(x.sides[:n] != y.sides[:n], axis=1)
-    apart |= np.abs(x.times[:n] - y.times[:n]) > AGREEMENT * y.times[:n]
-    end = float(b.provenance["t_end"])
-    if np.any(apart):
-        end = float(min(x.times[np.argmax(apart)], y.times[np.argmax(apart)]))
-    elif len(x.times) != len(y.times):
-        end = float((x if len(x.times) > n else y).times[n])
+    same = np.all(x.sides[:n] == y.sides[:n], axis=1) & (np.abs(x.times[:n] - y.times[:n]) <= AGREEMENT * y.times[:n])
+    # First event that differs, or that only one run has.
+    first = int(np.argmin(np.append(same, False)))
+    end = float(min([b.provenance["t_end"], *x.times[first : first + 1], *y.times[first : first + 1]]))
     # First output up to there at which the displacements differ.
     scale = float(np.max(np.abs(b.tip)))
     return last_before(b.t, ~(np.abs(a.tip - b.tip) <= AGREEMENT * scale) & (b.t <= end), end)
@@ -259,19 +255,16 @@ def _locate(gap_at: Callable[[Any], list[Any]], start: float, fastest: float, sh
             return arb(0)
     # Newton's method with few digits first: a step doubles the correct ones, so more would be computed in vain.
     full, tau, accurate = ctx.prec, arb(start), KNOWN_BITS
-    while accurate < full // 2:
-        accurate = 2 * accurate - 8  # the ratio of gap'' to gap' costs a few bits at each turn
+    for _ in range(64):
+        accurate = min(full, 2 * accurate - 8)  # the ratio of gap'' to gap' costs a few bits at each turn
         with ctx.workprec(min(full, accurate + 70)):
             gap, speed = gap_at(tau)
-            tau = (tau - gap / speed).mid()
-    for _ in range(64):
-        gap, speed = gap_at(tau)
-        shift = (-gap / speed).mid()
-        tau = (tau + shift).mid()
+            shift = (-gap / speed).mid()
+            tau = (tau + shift).mid()
         if not abs(float(tau) - start) < near:
             break
         # What the last step leaves is its square. A damped stop's force jumps, so all digits of the time count.
-        if abs(shift) * fastest < arb(2) ** (-full // 2):
+        if accurate == full and abs(shift) * fastest < arb(2) ** (-full // 2):
             return tau
     remedy = f"end before t = {t + start:.6g}" if t + start > near else "start a little off the stop"
     raise SolverFailure("multiprecision", t + start, "the event is a graze that float64 cannot place", remedy)
