@@ -23,7 +23,7 @@ from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
-from ...model.contact import Contact
+from ...model.contact import channel_motion
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate, offset_values
 from ...trajectory.trajectory import SolverFailure
@@ -72,16 +72,11 @@ def require_short(free: Free, length: float) -> None:
 LEFT = 1e-12  # of the distance between a rigid stop and a start, relative: the start is on the stop
 
 
-def shift_at_start(contact: Contact) -> float:
-    """The offset at t = 0."""
-    return float(offset_values(contact.offset, np.zeros(1))[0])
-
-
 def on_stops(system: System) -> dict[int, int]:
     """The contacts on their rigid stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
     closed = {}
     for contact, each in enumerate(system.contacts):
-        moved = shift_at_start(each)
+        moved = float(offset_values(each.offset, 0.0))
         u = float(each.row @ system.q0) + moved
         # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
         whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))
@@ -110,7 +105,7 @@ class Solver:
         """The stops (m, 2) moved to the contacts that start on them, and ``off`` (m,) farther."""
         stops = stops.copy()
         for i, side in self.closed.items():
-            place = float(self.free.rows[i] @ eta) + shift_at_start(self.system.contacts[i])
+            place = float(self.free.rows[i] @ eta + offset_values(self.system.contacts[i].offset, 0.0))
             stops[i, int(side > 0)] = place + side * off[i]
         return stops
 
@@ -284,7 +279,7 @@ class Motion:
         """eta, eta' (k, n) and reactions of held contacts (k, m) at times t (k,) as the given segments have them."""
         t = np.array(t, float)
         if piece is None:
-            for kept in (self.seen, self.last[0] if self.last else None):
+            for kept in (self.seen, *self.last):
                 if kept is not None and np.array_equal(kept[0], t):
                     return kept[1:]  # type: ignore[return-value]
         mark = self.mark_at(t, self.piece_at(t) if piece is None else piece)
@@ -306,9 +301,8 @@ class Motion:
     def path(self, t: Array, channel: int) -> tuple[Array, Array]:
         """Position and velocity of a channel at any times, (k,) each; of a held contact those of its stop."""
         row, function = self.system.channels[channel]
-        u, v = (x @ (row @ self.free.X) for x in self.modal(t)[:2])
-        if function is not None:
-            u, v = u + offset_values(function, t), v + offset_rate(function, t)
+        eta, rate, _ = self.modal(t)
+        u, v = channel_motion(row @ self.free.X, function, t, eta, rate)
         if not self.system.rigid or channel >= len(self.system.contacts):
             return u, v
         stops, side = self.system.contacts[channel].stops, self.sides[self.piece_at(t), channel]
