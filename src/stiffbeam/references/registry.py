@@ -59,7 +59,7 @@ REFERENCES = {
     method.name: method
     for method in (
         Method("exact", "exact.solution", "exact", 0, EXACT),
-        Method("multiprecision", "multiprecision.multiprecision", "multiprecision", 1, MULTIPRECISION, _FLINT),
+        Method("multiprecision", "multiprecision", "multiprecision", 1, MULTIPRECISION, _FLINT),
         Method("cvode", "adaptive.sundials", "CVODE BDF", 2, libraries=_SUNDIALS),
         Method("cvode-adams", "adaptive.sundials", "CVODE Adams", 3, libraries=_SUNDIALS),
         Method("ida", "adaptive.sundials", "IDA", 4, libraries=_SUNDIALS),
