@@ -179,8 +179,7 @@ def audit(solution: Motion, t_end: float) -> None:
     _answered(solution, t_end)
     system, segments = solution.system, np.arange(len(solution.times))
     q, v = solution.states(solution.times, segments)
-    kinetic, elastic = system.free_energies(q, v)
-    energy = kinetic + elastic
+    energy = np.sum(system.free_energies(q, v), axis=0)
     terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
     seen, middles = solution.seen, 0.5 * (solution.times + np.append(solution.times[1:], t_end))
     t = middles if seen is None or len(seen[0]) < 4 * len(middles) else seen[0]
@@ -192,11 +191,11 @@ def audit(solution: Motion, t_end: float) -> None:
         wrong += np.abs(np.where(chi != 0, 0.5 * stops.coefficients.kappa, 0.0) * (u - stop) ** 2 - law)
         held += law
         given, begun = (float(channel_position(contact.row, contact.offset, 0.0, x)) for x in (system.q0, q[0]))
-        if solution.times[0] == 0.0 and abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
+        if abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
     # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
-    kinetic, elastic = system.free_energies(*solution.states(t))
-    largest = np.maximum.accumulate(np.maximum(np.maximum(energy[piece], held), kinetic + elastic))
+    between = np.sum(system.free_energies(*solution.states(t)), axis=0)
+    largest = np.maximum.accumulate(np.max([energy[piece], held, between], axis=0))
     bad = np.flatnonzero(wrong > SEEN * largest + terms[piece] + NOTHING * np.max(largest, initial=0.0))
     if len(bad):
         share = wrong[bad[0]] / max(float(largest[bad[0]]), 1e-300)
@@ -209,7 +208,7 @@ def _answered(solution: Motion, t_end: float) -> None:
     its rounding; both in the norm of M."""
     free = solution.free
     lost = 4.0 * EPS * float(np.linalg.norm(free.answer))
-    if solution.times[0] == 0.0 and lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
+    if lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
         length = np.linalg.norm(solution.states(np.linspace(0.0, t_end, 33))[0] @ free.into, axis=1)
         if lost > START * float(np.max(length)):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")

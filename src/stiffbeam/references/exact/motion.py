@@ -141,9 +141,8 @@ class Solver:
         other |= dict.fromkeys(("up", "low", "V"))
         if free.kind == 2 and free.coupling == 2:  # without another eigenproblem, which loses eps of the largest pole
             lost = np.max(np.abs(free.poles)) * noise(free.poles)
-            exponentials = np.arange(free.poles.shape[1]) < free.poles.shape[1] - len(free.waves)
-            real = (free.poles[1] == 0.0) & (np.arange(2) > 0)[:, None]
-            copied = Free(**other | {"poles": free.poles + np.where(exponentials & ~real, lost, 0.0)})
+            lost[:, -len(free.waves) :], lost[1, free.poles[1] == 0.0] = 0.0, 0.0  # drives stay, and real poles real
+            copied = Free(**other | {"poles": free.poles + lost})
         else:
             drag = off(free.drag)
             other["damping"] = np.diag(drag) if free.coupling < 2 else off(free.damping)
