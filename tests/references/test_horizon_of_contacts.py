@@ -46,6 +46,8 @@ def test_a_contact_that_stands_still_does_not_end_it():
     push = [([1.0, 0.0], sb.Harmonic(amplitude=1.0, frequency=1.3)), ([0.0, 1.0], sb.Constant(5.0))]
     system = sb.System.from_matrices(np.eye(2), np.eye(2), None, push, [resting], observe=[1.0, 0.0])
     assert sb.reference(system, 50.0).horizon == 50.0
+    pressed = one_mass(1.0, sb.Stops(upper=0.3, stiffness=np.inf, restitution=1.0), load=sb.Constant(5.0), q=0.7 - 0.4)
+    assert sb.reference(pressed, 5.0).horizon == 5.0  # copies that fell on the stop from 6e-17 bounced for ever
 
 
 def test_impacts_agree_by_their_own_distances():
