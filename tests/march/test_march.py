@@ -13,14 +13,14 @@ import numpy as np
 import plain_march
 import pytest
 from scipy.interpolate import CubicHermiteSpline
-from systems import one_mass, random_chain, rotor, with_stops
+from systems import MOVING, chain, one_mass, random_chain, rotor, stop, with_stops
 
 import stiffbeam as sb
 from stiffbeam.march import block_march
 from stiffbeam.march.probe import Coordinates
 from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.modes import modes
-from stiffbeam.model.time_functions import offset_rate, offset_values
+from stiffbeam.model.time_functions import evaluate
 from stiffbeam.schemes import PrintedSigma, UnweightedHHT, registered
 from stiffbeam.trajectory.recorder import sampled_impacts
 from stiffbeam.trajectory.records import Ledger, step_ledger
@@ -99,7 +99,7 @@ def assert_is_loop(run, system, scheme, dt, steps, contact, tolerance, every=1):
     q, v, F = plain_march.states(system, scheme, dt, steps, contact)
     q, v, F = (np.asarray(x, float) for x in (q, v, F))
     t, rows = np.arange(steps + 1) * dt, [(row, offset) for row, offset in system.channels]
-    tips = [(q @ row + offset_values(o, t), v @ row + offset_rate(o, t)) for row, o in rows]
+    tips = [(q @ row + evaluate(o, t), v @ row + evaluate(o, t, 1)) for row, o in rows]
     scale, speed = np.max(np.abs(q)), np.max(np.abs(v))
     assert np.max(np.abs(run.states[0] - q[::every])) < tolerance * scale
     assert np.max(np.abs(run.states[1] - v[::every])) < 1e3 * tolerance * speed
@@ -130,6 +130,12 @@ def test_a_random_chain(scheme, contact, seed):
     assert run.provenance["march"] == ("dense blocks" if modes(system).coupled else "modal blocks")
     if np.max(np.abs(run.tip)) < 1e3:
         assert_is_loop(run, system, scheme, dt, steps, contact, 1e-7 if contact == "extrapolated" else 1e-10, every)
+
+
+def test_a_stop_that_moves_by_a_multiple_of_a_record():
+    offset = sb.Superposition(terms=[(-2.0, MOVING), (0.5, sb.Harmonic(0.01, 20.0))])
+    system, scheme = chain(3, stop(offset=offset, damping=5.0), [(np.ones(3), sb.Harmonic(3.0, 11.0))]), sb.HHT(-0.1)
+    assert_is_loop(sb.integrate(system, scheme, 1e-3, 0.5), system, scheme, 1e-3, 500, "implicit", 1e-10)
 
 
 BEAM = sb.BeamProblem(stiffness=300.0, stops=sb.Stops(-0.002, 0.002, stiffness=1e5), base=sb.Harmonic(0.2, 10.0))
@@ -351,8 +357,8 @@ def assert_balance(run):
     work = np.sum(0.5 * (f[1:] + f[:-1]) * dq, axis=1)
     dashpots = np.sum(dq * (dq @ system.damping), axis=1) / dt
     for c in system.contacts:
-        o = offset_values(c.offset, t)
-        u, rate = q @ c.row + o, v @ c.row + offset_rate(c.offset, t)
+        o = evaluate(c.offset, t)
+        u, rate = q @ c.row + o, v @ c.row + evaluate(c.offset, t, 1)
         energy = energy + c.stops.energy(u)
         if c.offset is not None and not c.stops.jumps:
             force = c.stops.force(u, rate)

@@ -57,12 +57,12 @@ def test_a_polygon_goes_through_its_samples_and_the_spline_is_scipys():
 def test_a_sum_adds_values_rates_and_accelerations():
     f, g, t = sb.Harmonic(2.0, 3.0, 0.1), sb.Sampled(TIMES, VALUES, "cubic"), np.linspace(0.0, 1.0, 11)
     total = sb.Superposition(f, sb.Superposition(g, sb.Constant(1.0)))
-    assert np.array_equal(total.value(t), f.value(t) + (g.value(t) + 1.0))
+    assert np.array_equal(total.value(t), f.value(t) + g.value(t) + 1.0)
     assert np.array_equal(total.rate(t), f.rate(t) + g.rate(t))
     assert np.array_equal(total.acceleration(t), f.acceleration(t) + g.acceleration(t))
     assert np.array_equal(breakpoints_of(total), TIMES)
     # Factors of sums in sums multiply.
-    weighted = sb.Superposition.weighted([(2.0, sb.Superposition.weighted([(3.0, sb.Constant(1.0)), (0.5, f)]))])
+    weighted = sb.Superposition(terms=[(2.0, sb.Superposition(terms=[(3.0, sb.Constant(1.0)), (0.5, f)]))])
     load = sb.reference(one_mass(1.0, load=weighted), 2.0, t_eval=[0.0, 2.0]).tip[-1]
     one, other = (sb.reference(one_mass(1.0, load=x), 2.0, t_eval=[0.0, 2.0]).tip[-1] for x in (sb.Constant(6.0), f))
     assert load == pytest.approx(one + other, abs=1e-13)

@@ -11,7 +11,7 @@ from ..basics.validation import InputError
 from ..kernels.march import BY_LAW, LINEAR, MEAN
 from ..model.contact import linear as all_linear
 from ..model.system import System
-from ..model.time_functions import offset_values
+from ..model.time_functions import evaluate
 from ..schemes import RIGID as RIGID_SCHEMES
 from ..schemes import RigidScheme, Scheme
 
@@ -95,7 +95,7 @@ def _require_rigid(system: System, scheme: RigidScheme) -> None:
         if not scheme.restitutes and e is not None:
             rule = f"be left out for {scheme}, which has no impact law"
             raise InputError("stops.restitution", e, rule, "use MoreauJean, or leave it out")
-        moved = float(offset_values(each.offset, 0.0))
+        moved = float(evaluate(each.offset, 0.0))
         u = float(each.row @ system.q0) + moved
         whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))  # rounds a state of a motion
         if abs(each.stops.penetration(u)) > 1e-14 * max(whole, abs(moved)):

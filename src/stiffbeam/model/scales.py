@@ -56,7 +56,7 @@ def scales(system: System, t_end: float = np.inf) -> Scales:
     """The scales of a run of ``system`` to t_end, inf where it is not known."""
     basis, drive, largest = undamped_modes(system), Drive.of(system), _speed(system, t_end)
     # Constant loads in modal coordinates: a mode flies against them with the speed V.
-    constant = basis.force(drive.split(system.loads, system.size)[0][0])
+    constant = basis.force(drive.of_loads(system)[0])
     # A mode turns by its stiffness, or against the constant loads.
     rates = np.maximum(basis.omega, 0.0 if largest == 0.0 else np.abs(constant) / largest)
     drifts = rates <= UNNOTICED / t_end

@@ -28,7 +28,7 @@ from .contact import Contact, Stops
 from .modes import damping_of, undamped_modes
 from .problem import BeamProblem, PointLoad
 from .system import Origin, System
-from .time_functions import LoadFunction, combined, derivative
+from .time_functions import LoadFunction, Superposition, derivative
 
 # Element matrices for (v_0, h v_0', v_1, h v_1'). MASS is times m h/420.
 MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
@@ -148,9 +148,11 @@ def _system(problem: BeamProblem, form: str, cells: int, grid: Grid) -> System:
 
 def _contact(problem: BeamProblem, stops: Stops, row: Callable[[float], Array]) -> Contact:
     share = problem.place(stops) / problem.length
-    offset = combined((1.0 - share**2, problem.base), (-1.0, stops.motion))
+    moves = [(1.0 - share**2, problem.base), (-1.0, stops.motion)]
+    moves = [(factor, f) for factor, f in moves if f is not None and factor]
     at_a_place = stops.position is not None or stops.motion is not None
-    return Contact(row(share), replace(stops, position=None, motion=None) if at_a_place else stops, offset)
+    stops = replace(stops, position=None, motion=None) if at_a_place else stops
+    return Contact(row(share), stops, Superposition(terms=moves) if moves else None)
 
 
 def _loads(problem: BeamProblem, grid: Grid) -> tuple[tuple[Array, LoadFunction], ...]:

@@ -20,7 +20,7 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers, one_of
 from .members import value_at, with_values
 from .system import System
-from .time_functions import Constant, Harmonic, LoadFunction, Sampled, leaves, parts, require_closed_form
+from .time_functions import Constant, Harmonic, LoadFunction, Sampled, leaves, load_terms, parts, require_closed_form
 
 WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16, 20, 24))  # steps of differences, of the parameter
 ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
@@ -55,11 +55,6 @@ class SystemData(SimpleNamespace):
     def zeros(self) -> SystemData:
         """Derivative of data that do not depend on a parameter."""
         return self.of_vector(np.zeros(len(self.vector())))
-
-
-def load_terms(system: System) -> list[tuple[Array, LoadFunction]]:
-    """(vector, leaf) of every term of every load."""
-    return [(factor * vector, leaf) for vector, f in system.loads for factor, leaf in parts(f)]
 
 
 def offset_terms(system: System) -> list[tuple[int, float, LoadFunction]]:

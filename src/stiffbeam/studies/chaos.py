@@ -13,7 +13,7 @@ exists for any pair.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,7 @@ from ..model.members import off_rigid_stops
 from ..model.modes import undamped_modes
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, Superposition
+from ..model.time_functions import Constant, Drive, Harmonic, Sampled, Superposition
 from ..references.ensemble import reference_ensemble
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -191,13 +191,13 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
     Raises InputError for a function of time that cannot be moved.
     """
 
-    def shift(function: LoadFunction) -> LoadFunction:
+    def shift(function: Any) -> Any:
         if isinstance(function, Harmonic):
             return replace(function, phase=(function.phase + function.frequency * t) % (2.0 * np.pi))
         if isinstance(function, Sampled):
             return replace(function, t=function.t - t)
         if isinstance(function, Superposition):
-            return Superposition.weighted((factor, shift(f)) for factor, f in function.terms)
+            return Superposition(terms=[(factor, shift(f)) for factor, f in function.terms])
         if not isinstance(function, Constant):
             rule = "be made of Harmonic, Constant and Sampled to be started later"
             raise InputError("time function", function, rule, "sample it: Sampled(t, values, 'cubic')")

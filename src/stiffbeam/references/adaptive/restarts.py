@@ -39,7 +39,6 @@ from ...model.time_functions import (
     evaluate,
     in_closed_form,
     leaves,
-    offset_values,
 )
 from ...trajectory.trajectory import SolverFailure
 from ..registry import Request
@@ -127,7 +126,7 @@ def scales_of(system: System, t_end: float) -> Scales:
         largest = float(np.max(np.abs(evaluate(function, t))))
         energy += 0.5 * largest * largest * float(vector @ compliance @ vector)
     for contact in system.contacts:
-        o, gives = offset_values(contact.offset, t), float(contact.row @ compliance @ contact.row)
+        o, gives = evaluate(contact.offset, t), float(contact.row @ compliance @ contact.row)
         moves.append(float(np.max(np.abs(o))))
         move = float(np.max(np.abs(o - o[0])))
         if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid

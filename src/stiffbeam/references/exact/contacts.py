@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
-from ...model.time_functions import offset_rate, offset_values
+from ...model.time_functions import evaluate
 from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import SolverFailure
 from .motion import EPS, REMEDY, Motion, pressed, shift_at_start
@@ -137,7 +137,7 @@ def exact_ledger(solution: Motion, times: Array) -> Ledger:
     blows, speeds = solution.blows, np.zeros(len(solution.blows.t))
     for i in np.unique(blows.contact).tolist():
         here = blows.contact == i
-        speeds[here] = offset_rate(system.contacts[i].offset, blows.t[here])
+        speeds[here] = evaluate(system.contacts[i].offset, blows.t[here], 1)
     moved, struck = -blows.impulse * speeds, -0.5 * blows.impulse * (blows.before + blows.after)
     so_far = np.searchsorted(blows.t, times, side="right")
     given, stops = (x + np.concatenate([[0.0], np.cumsum(y)])[so_far] for x, y in ((given, moved), (stops, struck)))
@@ -258,9 +258,9 @@ def _beyond(solution: Motion, t: Array, kept: Array) -> float:
     times, worst = solution.times, 0.0
     (q, v), (q_between, _) = solution.states(times, np.arange(len(times))), solution.states(t)
     for contact in solution.system.contacts:
-        shift, stops = offset_values(contact.offset, times), contact.stops
+        shift, stops = evaluate(contact.offset, times), contact.stops
         u = q @ contact.row + shift
-        between = q_between @ contact.row + offset_values(contact.offset, t)
+        between = q_between @ contact.row + evaluate(contact.offset, t)
         # Of positions, and of the times of events.
         moved = np.abs(q) + times[:, None] * np.abs(v)
         rounding = ROUNDINGS * EPS * float(np.max(moved @ np.abs(contact.row) + np.abs(shift)))

@@ -18,7 +18,7 @@ from ...basics.validation import InputError
 from ...kernels.exact import Free
 from ...model.modes import decoupled_modes, undamped_modes
 from ...model.system import System
-from ...model.time_functions import Drive, parts
+from ...model.time_functions import Drive, load_terms
 
 RESONANCE = 0.03  # relative distance of w^2 and a drive below which the closed form of a mode cancels
 CRITICAL = 1e-4  # relative distance of d^2 from 4 w^2 below which a real pair cancels
@@ -42,9 +42,8 @@ def free_system(system: System) -> Free:
     D = X.T @ system.damping @ X if decoupled is None else np.diag(decoupled.damping)
     coupling = 2 if decoupled is None else int(bool(np.any(D)))
     # Loads and offsets as rows of sin and cos of every frequency, constants as the frequency 0, and of the records.
-    nodal, moving = drive.amplitudes(system.loads, n), (c.offset for c in system.contacts)
-    loads = np.vstack([np.zeros((1, n)), nodal]) @ X
-    offsets = np.vstack([np.zeros((1, m)), drive.amplitudes(zip(np.eye(m), moving, strict=True), m)])
+    nodal, moving = drive.of_loads(system), drive.amplitudes([c.offset for c in system.contacts])
+    loads, offsets = np.vstack([np.zeros((1, n)), nodal]) @ X, np.vstack([np.zeros((1, m)), moving])
     waves = np.array([0.0, *drive.frequencies])
     rows = np.array([c.row for c in system.contacts]).reshape(m, n) @ X
     stops = np.array([[c.stops.lower_bound, c.stops.upper_bound] for c in system.contacts], float).reshape(m, 2)
@@ -61,11 +60,10 @@ def free_system(system: System) -> Free:
     if np.any(np.isfinite(shared["laws"][:, 0]) & ~(stiffness < 1e290)):
         rule, largest = "give modes that float64 can hold", float(np.max(shared["laws"][:, 0]))
         raise InputError("stops.stiffness", largest, rule, "use other units, or rigid stops with a restitution")
-    terms = [([(a * p, f)], n) for p, whole in system.loads for a, f in parts(whole)]
-    cancelled = np.zeros_like(loads)
+    cancelled, terms = np.zeros_like(loads), load_terms(system)
     if terms:
-        sizes = np.sum([np.abs(drive.split(*term)[0]) for term in terms], axis=0)
-        cancelled[1 : 1 + len(sizes)] = np.maximum(sizes - np.abs(nodal[: len(sizes)]), 0.0)
+        sizes = np.abs(drive.amplitudes([f for _, f in terms])) @ np.abs([p for p, _ in terms])
+        cancelled[1 : 1 + drive.size] = np.maximum(sizes - np.abs(nodal), 0.0)[: drive.size]
     shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
     shared |= {"X": X, "into": np.ascontiguousarray(system.mass @ X), "cancelled": cancelled}
     return with_pressed(closed_form(shared))

@@ -26,7 +26,7 @@ from ...basics.validation import InputError, exact_value
 from ...kernels.exact import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
 from ...model.contact import Contact
 from ...model.system import System
-from ...model.time_functions import evaluate, offset_rate, offset_values
+from ...model.time_functions import evaluate
 from ...trajectory.trajectory import SolverFailure
 from .free import closed_form, free_system, with_pressed
 
@@ -75,7 +75,7 @@ LEFT = 1e-12  # of the distance between a rigid stop and a start, relative: the 
 
 def shift_at_start(contact: Contact) -> float:
     """The offset at t = 0."""
-    return float(offset_values(contact.offset, np.zeros(1))[0])
+    return float(evaluate(contact.offset, np.zeros(1))[0])
 
 
 def on_stops(system: System) -> dict[int, int]:
@@ -317,7 +317,7 @@ class Motion:
         row, function = self.system.channels[channel]
         u, v = (x @ (row @ self.free.X) for x in self.modal(t)[:2])
         if function is not None:
-            u, v = u + offset_values(function, t), v + offset_rate(function, t)
+            u, v = u + evaluate(function, t), v + evaluate(function, t, 1)
         if not self.system.rigid or channel >= len(self.system.contacts):
             return u, v
         stops, side = self.system.contacts[channel].stops, self.sides[self.piece_at(t), channel]
@@ -366,11 +366,11 @@ class Motion:
             given += evaluate(function, t) * (rate @ (vector @ free.X))
         lost = np.sum(rate * (rate @ free.damping.T), axis=1) if free.coupling == 2 else rate**2 @ free.drag
         for i, contact in enumerate(self.system.contacts):
-            side, moves = self.sides[piece, i], offset_rate(contact.offset, t)
+            side, moves = self.sides[piece, i], evaluate(contact.offset, t, 1)
             if contact.stops.rigid:
                 given -= force[:, i] * moves
                 continue
-            u, speed = eta @ free.rows[i] + offset_values(contact.offset, t), rate @ free.rows[i] + moves
+            u, speed = eta @ free.rows[i] + evaluate(contact.offset, t), rate @ free.rows[i] + moves
             stop = np.where(side > 0, free.stops[i, 1], free.stops[i, 0])
             pull = free.laws[i, 0] * np.where(side != 0, u - stop, 0.0)
             drag, presses = free.laws[i, 1] * speed, np.abs(side) == 1

@@ -32,8 +32,8 @@ from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
 from ...basics.validation import InputError
 from ...model.system import System
-from ...model.system_data import SystemData, data_of, load_terms, offset_terms
-from ...model.time_functions import Constant, Harmonic, Sampled, moved
+from ...model.system_data import SystemData, data_of, offset_terms
+from ...model.time_functions import Constant, Harmonic, Sampled, load_terms, moved
 from .free import free_system, pressed_modes
 from .motion import Motion
 

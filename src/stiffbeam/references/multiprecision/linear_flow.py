@@ -70,7 +70,7 @@ def exact_problem(system: System, drive: Drive) -> tuple[Any, Any, Any, Any, lis
     if beam is not None:
         mass, damping, stiffness, loads, of_beam = _beam(system, beam, drive)
         places = [_place(beam, stops, system.size, drive) for stops in beam.all_stops]
-        start = of_beam if system.origin and system.origin.starts(system) else start
+        start = of_beam if system.keeps("q0", "v0") else start
     else:
         mass, damping, stiffness = (_numbers(x) for x in (system.mass, system.damping, system.stiffness))
         places = [(_numbers(each.row), in_drive(drive, [([1], each.offset, 0)])[:, 0]) for each in system.contacts]
