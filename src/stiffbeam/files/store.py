@@ -280,7 +280,7 @@ def cached_reference(
     require_system(system)
     positive("t_end", t_end)
     # A bare callable has no content to make a key of.
-    require_closed_form(system.time_functions, "a cached reference")
+    require_closed_form(system, "a cached reference")
     given.apply_defaults()
     settings = {name: x for name, x in given.arguments.items() if name not in ("system", "progress", "seconds")}
     # Another version may round differently, or compute something else.

@@ -44,7 +44,7 @@ class Plan:
         self.treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
         self.rule = self.treatment.rule(system, self.given)  # of the contacts of ``system``
         self.scheme = self.treatment.form_of(self.given)
-        covered(system.time_functions, self.t_end)
+        covered(system, self.t_end)
         if not is_known(self.scheme):
             check_contract(self.scheme)
         # The modes, or where the damping couples them all unknowns, which then step together.

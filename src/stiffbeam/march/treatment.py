@@ -9,7 +9,6 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import BY_LAW, LINEAR, MEAN
-from ..model.contact import linear as all_linear
 from ..model.system import System
 from ..model.time_functions import evaluate
 from ..schemes import RIGID as RIGID_SCHEMES
@@ -65,7 +64,8 @@ class Treatment:
         if self.means and contacts:
             return MEAN
         # The search for several linear springs ends for a symmetric compliance, which gyroscopic terms do not leave.
-        return LINEAR if all_linear(contacts) and not (len(contacts) > 1 and system.gyroscopic) else BY_LAW
+        linear = all(contact.stops.linear for contact in contacts)
+        return LINEAR if linear and not (len(contacts) > 1 and system.gyroscopic) else BY_LAW
 
     def takes(self, scheme: Scheme) -> bool:
         """Return True if the scheme has a form for this treatment: a mean force takes one that conserves the energy of

@@ -180,7 +180,9 @@ class Stops(Frozen):
     def __repr__(self) -> str:
         """The fields; exponent, damping and so on only where they differ from the linear law's."""
         values = ((x.name, x.default, getattr(self, x.name)) for x in fields(self))
-        shown = (f"{name}={value!r}" for name, default, value in values if name in SIDES or value != default)
+        shown = (
+            f"{name}={value!r}" for name, default, value in values if name in ("lower", "upper") or value != default
+        )
         return f"Stops({', '.join(shown)})"
 
     @property
@@ -283,9 +285,6 @@ class Stops(Frozen):
         return chi * (self.force(v, velocity) != 0.0) if self.dissipative else chi
 
 
-SIDES = ("lower", "upper")
-
-
 @dataclass(frozen=True, eq=False)
 class Contact(Frozen):
     """Stops that act on the position row @ q + offset(t), with the force row^T F(row @ q + offset(t)).
@@ -347,11 +346,6 @@ def channel_motion(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Arr
 def laws(contacts: Sequence[Contact]) -> Array:
     """The laws of all contacts, (m, 6), see Law."""
     return np.array([contact.stops.law for contact in contacts]).reshape(-1, LAW)
-
-
-def linear(contacts: Sequence[Contact]) -> bool:
-    """True if every stop has the linear law."""
-    return all(contact.stops.linear for contact in contacts)
 
 
 def side_at_start(u0: Array, v0: Array, law: Array) -> Array:

@@ -400,7 +400,7 @@ class ODE:
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a load or an offset is not smooth."""
-        return tuple(breakpoints_of(*self.system.time_functions).tolist())
+        return tuple(breakpoints_of(*Drive.of(self.system).others).tolist())
 
     @cached_property
     def cfunc(self) -> tuple[int, int]:
@@ -409,7 +409,7 @@ class ODE:
 
         Raises InputError where a load or an offset is a Python function.
         """
-        require_closed_form(self.system.time_functions, "compiled code")
+        require_closed_form(self.system, "compiled code")
         return function_address("state_rate"), self._rhs.equations.c
 
     @cached_property
@@ -419,7 +419,7 @@ class ODE:
         Raises InputError where JAX works in single precision, and where a load or an offset is a Python function.
         """
         require_jax_float64()
-        require_closed_form(self.system.time_functions, "JAX")
+        require_closed_form(self.system, "JAX")
         if self.form != FORMS[0]:
             raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
         exponents, numbers = numbers_of(self._rhs.equations)

@@ -59,15 +59,11 @@ class Grid:
 
 
 def hat(share: float, M: int) -> Array:
-    """Linear interpolation between the nodes beside x = share L; node 0 is held.
+    """Linear interpolation between the nodes beside x = share L, the row of nodes 1 to M; node 0 is held.
 
     The error for a smooth v is theta (1 - theta) h^2/2 v_xx, theta in [0, 1] the place within the cell: second order.
     """
-    cell = min(int(share * M), M - 1)
-    theta = share * M - cell
-    weights = np.zeros(M + 1)
-    weights[cell], weights[cell + 1] = 1.0 - theta, theta
-    return weights[1:]
+    return np.maximum(0.0, 1.0 - np.abs(share * M - np.arange(1, M + 1)))
 
 
 FORMS = ("displacement", "velocity-curvature")  # the paper's

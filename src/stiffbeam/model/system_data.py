@@ -23,9 +23,11 @@ from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction, Sampled, leaves, load_terms, parts, require_closed_form
 
 WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16, 20, 24))  # steps of differences, of the parameter
-ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
-ORDER_6 = np.array([3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0])
-ONE_SIDED = np.array([4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0]), np.array([3.0, -1.5, 1.0 / 3.0, 0.0])  # orders 4 and 3
+# Weights of the changes over 1 to 4 steps, by the sides on which there are systems: of orders 8 and 6, or 4 and 3.
+WEIGHTS = {
+    2: np.array([[4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0], [3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0]]),
+    1: np.array([[4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0], [3.0, -1.5, 1.0 / 3.0, 0.0]]),
+}
 EXACT = 1e-12  # relative: differences that agree to that are taken
 ROUNDING = 64.0 * float(np.finfo(float).eps)  # of an array's numbers, in their differences
 SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
@@ -67,11 +69,11 @@ def data_of(system: System) -> SystemData:
     n, m = system.size, len(system.contacts)
     loads, offsets = load_terms(system), offset_terms(system)
     terms = leaves(*system.time_functions)
-    require_closed_form(terms, "a derivative")
+    require_closed_form(system, "a derivative")
     stops = [contact.stops for contact in system.contacts]
     finite = lambda g: g if np.isfinite(g) else 0.0  # noqa: E731
     harmonics = [(f.amplitude, f.frequency, f.phase) for f in terms if isinstance(f, Harmonic)]
-    records = [f.pieces for f in terms if isinstance(f, Sampled)]
+    records = [f.taylor(f.t[:-1]) for f in terms if isinstance(f, Sampled)]
     return SystemData(
         mass=system.mass,
         damping=system.damping,
@@ -179,12 +181,9 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
                 problem = refused if problem is None or refused.field == "wrt" else problem
         if not sides:
             continue
-        if len(sides) == 2:
-            slope, other = (order @ (sides[0] + sides[1]) for order in (ORDER_8, ORDER_6))
-        else:
-            slope, other = (order @ sides[0] for order in ONE_SIDED)
+        slope, other = WEIGHTS[len(sides)] @ sum(sides)
         # At a kink, such as a node of linear elements, all symmetric differences agree on the mean of its two slopes.
-        kink = ONE_SIDED[0] @ (sides[0] - sides[-1])
+        kink = WEIGHTS[1][0] @ (sides[0] - sides[-1])
         # Each array by its own largest slope: a stiffness may have a far larger one than a row. Beside rounding.
         rounding = ROUNDING * largest(centre) / (width * scale)
         size = np.maximum(largest(slope), rounding)

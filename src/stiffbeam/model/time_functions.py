@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -18,7 +18,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.validation import Frozen, InputError, constants, exact_value, integer, number, numbers, one_of, positive
+from ..basics.validation import (
+    Frozen,
+    InputError,
+    constants,
+    exact_value,
+    integer,
+    number,
+    numbers,
+    one_of,
+    positive,
+    sequence,
+)
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -217,7 +228,7 @@ class Sampled(Derivable):
         if integer("derivative", self.derivative, 0) > KINDS[self.kind]:
             rule = f"be at most {KINDS[self.kind]} for kind={self.kind!r}, beyond which there are jumps"
             raise InputError("derivative", self.derivative, rule, 'take samples of kind "cubic"')
-        self._whole  # noqa: B018  which refuses slopes that overflow
+        self.spline  # noqa: B018  which refuses slopes that overflow
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Sampled) and self.digest == other.digest)
@@ -244,8 +255,8 @@ class Sampled(Derivable):
         return KINDS[self.kind] - self.derivative
 
     @cached_property
-    def _whole(self) -> PPoly:
-        """The interpolant of the samples."""
+    def spline(self) -> PPoly:
+        """The interpolant of the samples, of which the function is a derivative."""
         from scipy.interpolate import CubicSpline, PPoly
 
         with np.errstate(over="ignore", invalid="ignore"):
@@ -262,12 +273,9 @@ class Sampled(Derivable):
             raise InputError("sampled.values", "slopes that overflow", "be representable in float64", remedy)
         return whole
 
-    @cached_property
-    def pieces(self) -> Array:
-        """(samples - 1, 4): coefficient k of (t - t_i)^k between samples i and i + 1."""
-        c = self._whole.derivative(self.derivative).c[::-1].T
-        # Four columns for every kind, so that records of different kinds stand in one table.
-        return np.pad(c, ((0, 0), (0, 4 - c.shape[1])))
+    def taylor(self, t: Array) -> Array:
+        """Coefficients (.., 4) of f(t + s) = c_0 + c_1 s + c_2 s^2 + c_3 s^3 up to the next sample, also outside."""
+        return np.stack([self.spline(t, self.derivative + k) / math.factorial(k) for k in range(4)], axis=-1)
 
     def covers(self, start: float, end: float) -> None:
         """Raise InputError unless it is known from start to end."""
@@ -285,7 +293,7 @@ class Sampled(Derivable):
             self.derived(order)  # raises InputError
         t = np.asarray(t, float)
         self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
-        return np.asarray(self._whole(t, self.derivative + order))
+        return np.asarray(self.spline(t, self.derivative + order))
 
     def derived(self, times: int) -> Sampled:
         """f' or f''. Raises InputError where that would hold impulses."""
@@ -306,7 +314,7 @@ class Superposition(Derivable):
     Raises
     ------
     InputError
-        For anything without value, rate and acceleration, such as a bare function.
+        For anything without value, rate and acceleration, such as a bare function, and for terms that are no pairs.
 
     Examples
     --------
@@ -317,14 +325,17 @@ class Superposition(Derivable):
 
     terms: tuple[tuple[float, TimeFunction], ...]
 
-    def __init__(self, *functions: TimeFunction, terms: Iterable[tuple[float, TimeFunction]] = ()) -> None:
-        pairs = [*((1.0, f) for f in functions), *terms]
+    def __init__(self, *functions: TimeFunction, terms: Sequence[tuple[float, TimeFunction]] = ()) -> None:
+        rule, remedy = "hold pairs (factor, time function)", "for example (0.5, Constant(1.0))"
+        pairs = [*((1.0, f) for f in functions), *sequence("Superposition.terms", terms, rule, remedy)]
         if not pairs:
-            rule, remedy = "have at least one function of time", "for none give Constant(0.0)"
-            raise InputError("Superposition", "nothing", rule, remedy)
+            raise InputError("Superposition", "nothing", "add one function or more", "for none give Constant(0.0)")
+        for pair in pairs:
+            if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+                raise InputError("Superposition.terms", pair, rule, remedy)
         # A sum in a sum is flattened, the factors multiplied.
         vars(self)["terms"] = tuple(
-            (float(factor) * inner, leaf)
+            (number("Superposition.terms", factor) * inner, leaf)
             for factor, f in pairs
             for inner, leaf in parts(time_function("Superposition", f, moves=True))
         )
@@ -352,19 +363,6 @@ def load_terms(system: System) -> list[tuple[Array, LoadFunction]]:
     return [(factor * vector, leaf) for vector, f in system.loads for factor, leaf in parts(f)]
 
 
-def in_closed_form(*functions: LoadFunction | None) -> bool:
-    """Return True if they are made of Harmonic, Constant and Sampled, whose numbers can be hashed and saved."""
-    return all(isinstance(leaf, KNOWN) for leaf in leaves(*functions))
-
-
-def require_closed_form(functions: Iterable[LoadFunction | None], what: str) -> None:
-    """Raise InputError for a function that is not made of Harmonic, Constant and Sampled; what: needs such ones."""
-    for leaf in leaves(*functions):
-        if not isinstance(leaf, KNOWN):
-            rule, remedy = f"be made of Harmonic, Constant and Sampled for {what}", "Sampled(t, values, 'cubic')"
-            raise InputError("time function", leaf, rule, f"sample it: {remedy}")
-
-
 def derivative(function: TimeFunction, order: int) -> LoadFunction:
     """f' or f''; in closed form where f is. Raises InputError for a polygon, whose acceleration is impulses."""
     if isinstance(function, Harmonic):
@@ -376,16 +374,9 @@ def derivative(function: TimeFunction, order: int) -> LoadFunction:
         return Constant(0.0)
     if isinstance(function, Sampled):
         return function.derived(order)
-    if isinstance(function, Superposition) and in_closed_form(function):
+    if isinstance(function, Superposition) and all(isinstance(f, KNOWN) for _, f in function.terms):
         return Superposition(terms=[(factor, derivative(f, order)) for factor, f in function.terms])  # type: ignore[misc]
     return getattr(function, ORDERS[order])
-
-
-def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
-    """Raise InputError unless every Sampled among the functions has samples from 0 to ``t_end``."""
-    for leaf in leaves(*functions):
-        if isinstance(leaf, Sampled):
-            leaf.covers(0.0, t_end)
 
 
 def time_function(field: str, function: Any, moves: bool = False) -> Any:
@@ -456,16 +447,6 @@ def breakpoints_of(*functions: LoadFunction | None) -> Array:
 def times_of(field: str, values: Any) -> Array:
     """Times in increasing order. Raises InputError for what are none."""
     return np.unique(numbers(field, values, "be finite times", "give a list of them"))
-
-
-def moved(c: Array, s: ArrayLike) -> Array:
-    """The coefficients (..., P) of p(s + .) from those of p: Horner's scheme, as often as there are any to move."""
-    # On a copy: coefficient k collects s times the one above it, the last ones first.
-    c, last = np.array(c), np.shape(c)[-1] - 1
-    for first in range(last):
-        for k in range(last - 1, first - 1, -1):
-            c[..., k] += s * c[..., k + 1]
-    return c
 
 
 # ---------------------------------------------------------------- all those of a system as numbers
@@ -542,8 +523,19 @@ class Drive:
     def table(self) -> Array:
         """(edges, R, 4): coefficient k of s^k in every record at an edge + s, up to the next edge."""
         table = np.zeros((len(self.edges), len(self.records), 4))
-        for r, record in enumerate(self.records):
-            # Where a record has not begun, or has ended, it is not asked for.
-            at = np.clip(np.searchsorted(record.t, self.edges, side="right") - 1, 0, len(record.t) - 2)
-            table[:, r] = moved(record.pieces[at], self.edges - record.t[at])
+        for r, record in enumerate(self.records):  # where one has not begun, or has ended, it is not asked for
+            table[:, r] = record.taylor(self.edges)
         return table
+
+
+def covered(system: System, t_end: float) -> None:
+    """Raise InputError unless all records of a system have samples from 0 to ``t_end``."""
+    for record in Drive.of(system).records:
+        record.covers(0.0, t_end)
+
+
+def require_closed_form(system: System, what: str) -> None:
+    """Raise InputError for functions of time other than Harmonic, Constant and Sampled; what: needs such ones."""
+    for function in Drive.of(system).called:
+        rule, remedy = f"be made of Harmonic, Constant and Sampled for {what}", "Sampled(t, values, 'cubic')"
+        raise InputError("time function", function, rule, f"sample it: {remedy}")

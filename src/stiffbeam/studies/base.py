@@ -139,7 +139,7 @@ class Study:
             remedy = "give it a base motion, a load or initial data"
             raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
         if self.needs_motion or self.needs_stops:
-            covered(case.system().time_functions, case.t_end)
+            covered(case.system(), case.t_end)
 
 
 @dataclass(frozen=True, repr=False)

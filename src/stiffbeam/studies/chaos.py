@@ -31,7 +31,7 @@ from ..model.members import off_rigid_stops
 from ..model.modes import undamped_modes
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Constant, Drive, Harmonic, Sampled, Superposition
+from ..model.time_functions import Drive, Harmonic, Sampled, Superposition, require_closed_form
 from ..references.ensemble import reference_ensemble
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -191,6 +191,8 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
     Raises InputError for a function of time that cannot be moved.
     """
 
+    require_closed_form(system, "a later start")
+
     def shift(function: Any) -> Any:
         if isinstance(function, Harmonic):
             return replace(function, phase=(function.phase + function.frequency * t) % (2.0 * np.pi))
@@ -198,9 +200,6 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
             return replace(function, t=function.t - t)
         if isinstance(function, Superposition):
             return Superposition(terms=[(factor, shift(f)) for factor, f in function.terms])
-        if not isinstance(function, Constant):
-            rule = "be made of Harmonic, Constant and Sampled to be started later"
-            raise InputError("time function", function, rule, "sample it: Sampled(t, values, 'cubic')")
         return function
 
     return replace(
@@ -208,7 +207,7 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
         q0=q,
         v0=v,
         loads=tuple((vector, shift(function)) for vector, function in system.loads),
-        contacts=tuple(c if c.offset is None else replace(c, offset=shift(c.offset)) for c in system.contacts),
+        contacts=tuple(replace(c, offset=shift(c.offset)) for c in system.contacts),
     )
 
 

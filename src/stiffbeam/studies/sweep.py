@@ -88,7 +88,7 @@ class Sweep(Study):
         period = drive_period(nominal, parameter)
         once = period is None
         if once:
-            covered(nominal.time_functions, case.t_end)
+            covered(nominal, case.t_end)
         if once and self.values is None:
             paths = sorted(paths_of(nominal), key=lambda path: "[" not in path)  # loads and contacts
             remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"

@@ -48,7 +48,7 @@ def solve(request: Request) -> Reference:
         import jax
 
     system, method = request.system, request.method
-    require_closed_form(system.time_functions, method)
+    require_closed_form(system, method)
     kind = getattr(diffrax, REFERENCES[method].solver)
     if jax.config.values["jax_compilation_cache_dir"] is None:
         jax.config.update("jax_compilation_cache_dir", str(storage.directory() / "jax"))

@@ -120,8 +120,8 @@ def refuse(system: System, t_end: float, other: str = "use the solver cvode-adam
         elif any(x.degree < 2 for x in records):
             rule = "have a velocity at its samples, where it moves a rigid stop"
             raise InputError("contact.offset", contact.offset, rule, 'take samples of kind "cubic"')
-    covered(system.time_functions, t_end)
-    require_closed_form(system.time_functions, "the exact solution")
+    covered(system, t_end)
+    require_closed_form(system, "the exact solution")
     if not system.rigid:
         return
     rows = np.array([contact.row for contact in system.contacts])

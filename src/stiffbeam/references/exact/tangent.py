@@ -33,7 +33,7 @@ from ...basics.resources import afford
 from ...basics.validation import InputError
 from ...model.system import System
 from ...model.system_data import SystemData, data_of, offset_terms
-from ...model.time_functions import Constant, Harmonic, Sampled, load_terms, moved
+from ...model.time_functions import Constant, Harmonic, Sampled, load_terms
 from .free import free_system, pressed_modes
 from .motion import Motion
 
@@ -43,6 +43,16 @@ TERMS = 33  # of a series over RADIANS: 4^33/33! is below rounding
 RADIANS = 4.0  # of the fastest motion of a regime in a step
 STEP = 1e-100  # of complex steps, whose square is nothing
 FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0])
+
+
+def moved(c: Array, s: Array) -> Array:
+    """The coefficients (..., P) of p(s + .) from those of p: Horner's scheme, as often as there are any to move."""
+    # On a copy: coefficient k collects s times the one above it, the last ones first.
+    c, last = np.array(c), np.shape(c)[-1] - 1
+    for first in range(last):
+        for k in range(last - 1, first - 1, -1):
+            c[..., k] += s * c[..., k + 1]
+    return c
 
 
 class Numbers:

@@ -104,8 +104,7 @@ def in_drive(drive: Drive, terms: Iterable[Term], n: int = 1) -> Any:
 
 def _place(problem: BeamProblem, stops: Stops, M: int, drive: Drive) -> tuple[Any, Any]:
     """Row of stops on a beam by linear interpolation, and phi (1 - (x/L)^2) - m(t) in the drive coefficients."""
-    position = problem.length if stops.position is None else stops.position
-    share = number(position) / number(problem.length)
+    share = number(problem.place(stops)) / number(problem.length)
     offset = [([1 - share * share], problem.base, 0), ([-1], stops.motion, 0)]
     return _hat(share, M), in_drive(drive, offset)[:, 0]
 
