@@ -103,12 +103,11 @@ def assert_is_loop(run, system, scheme, dt, steps, contact, tolerance, every=1):
     scale, speed = np.max(np.abs(q)), np.max(np.abs(v))
     assert np.max(np.abs(run.states[0] - q[::every])) < tolerance * scale
     assert np.max(np.abs(run.states[1] - v[::every])) < 1e3 * tolerance * speed
-    for seen, (u, rate), (row, offset) in zip([*run.contacts, run][: len(tips)], tips, rows, strict=True):
+    for seen, (u, rate), (row, _) in zip([*run.contacts, run][: len(tips)], tips, rows, strict=True):
         position, velocity = (seen.tip, seen.tip_velocity) if seen is run else (seen.position, seen.velocity)
         reach = scale * np.sum(np.abs(row)) + np.max(np.abs(u))
         assert np.max(np.abs(position - u[::every])) < tolerance * reach
-        by_difference = 1e-7 if offset is not None and not hasattr(offset, "rate") else 0.0
-        assert np.max(np.abs(velocity - rate[::every])) < 1e3 * tolerance * np.max(np.abs(rate)) + 1e-9 + by_difference
+        assert np.max(np.abs(velocity - rate[::every])) < 1e3 * tolerance * np.max(np.abs(rate)) + 1e-9
     ends = F if system.contacts and scheme.nodes[-1] == 1.0 and contact != "extrapolated" else None
     assert_records(run, t, tips[: len(system.contacts)], ends, contact, 1e5 * tolerance)
 
@@ -133,8 +132,7 @@ def test_a_random_chain(scheme, contact, seed):
 
 
 def test_a_stop_that_moves_by_a_multiple_of_a_record():
-    offset = sb.Superposition(terms=[(-2.0, MOVING), (0.5, sb.Harmonic(0.01, 20.0))])
-    system, scheme = chain(3, stop(offset=offset, damping=5.0), [(np.ones(3), sb.Harmonic(3.0, 11.0))]), sb.HHT(-0.1)
+    system, scheme = chain(3, stop(offset=sb.Superposition(terms=[(-2.0, MOVING)]))), sb.HHT(-0.1)
     assert_is_loop(sb.integrate(system, scheme, 1e-3, 0.5), system, scheme, 1e-3, 500, "implicit", 1e-10)
 
 

@@ -99,10 +99,8 @@ def test_the_terms_are_of_one_law(chosen):
 
 def assert_one_law(stops: sb.Stops, d: float, e: float, rate: float, h: float = 1e-5) -> None:
     law = stops.coefficients
-    f, U, press = (
-        partial(contact.pressure, rate=0.0, law=law),
-        *(partial(x, law=law) for x in (contact.stored, contact.pressure)),
-    )
+    press, U = (partial(x, law=law) for x in (contact.pressure, contact.stored))
+    f = partial(press, rate=0.0)
     assert math.isclose(f(d), (U(d + h) - U(d - h)) / (2 * h), rel_tol=1e-6)
     assert math.isclose(contact.chord(d, law), f(d) / d, rel_tol=1e-14)
     assert (f(-d), U(-d)) == (-f(d), U(d))

@@ -16,7 +16,6 @@ import stiffbeam as sb
 from stiffbeam.files.cases import case_of, default_schemes
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.measures.frequencies import smooth_motion, steady_state
-from stiffbeam.model.time_functions import Drive
 from stiffbeam.references import best_reference, registry, substitute
 from stiffbeam.studies.base import chosen
 
@@ -83,8 +82,7 @@ def test_the_steady_motion_solves_the_equation_under_coupled_damping():
     system, _, _ = BENCHES["two bodies with a dashpot between"]
     loads = [*system.loads, ([0.0, 1.0], sb.Harmonic(3.0, 8.1, 0.4)), ([0.5, 1.0], sb.Constant(2.0))]
     system = sb.System.from_matrices(system.mass, system.stiffness, system.damping, loads, observe=[1.0, 0.0])
-    y = steady_state(system)
-    w = np.array(Drive.of(system).frequencies)
+    y, w = steady_state(system), np.array(system.drive.frequencies)
     for t in (0.0, 0.37, 2.9):
         s, c = np.sin(w * t), np.cos(w * t)
         force = sum(np.asarray(p) * float(f.value(t)) for p, f in system.loads)

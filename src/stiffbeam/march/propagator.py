@@ -141,7 +141,7 @@ class Propagator:
         self.load_rows = pushed[m:].transpose(0, 2, 1, 3).reshape(-1, R + D)
         self.load_velocity = speeds[m:].transpose(0, 2, 1, 4, 3).reshape((P - m) * K * S, C, K)
         # Functions that are no formula are sampled, at nodes and entries: their shares in the loads and the offsets.
-        drive, self.loads = Drive.of(coordinates.system), P - m
+        drive, self.loads = coordinates.system.drive, P - m
         self.load_samples, self.offset_samples = (
             [(share, f) for share, f in zip(shares[drive.size :], drive.others, strict=True) if np.any(share)]
             for shares in amplitudes_of(coordinates.system)
@@ -213,7 +213,7 @@ class Propagator:
 
     def forcing(self, system: System) -> Forcing:
         """The harmonic and constant loads and offsets of a system that differs from this one in nothing else."""
-        drive, readers, dt, moved = Drive.of(system), self.one.readers, self.one.dt, None
+        drive, readers, dt, moved = system.drive, self.one.readers, self.one.dt, None
         begun = np.arange(self.steps)[:, None] * dt
         loads, offsets = (x[: drive.size] for x in amplitudes_of(system))
         at_nodes = (begun + np.array(readers.nodes) * dt).reshape(-1, 1)
@@ -236,7 +236,7 @@ class Propagator:
 def amplitudes_of(system: System) -> list[Array]:
     """Amplitudes of the functions of the loads, and of the offsets of the channels, see Drive."""
     functions = [f for _, f in system.loads], [offset for _, offset in system.channels]
-    return [Drive.of(system).amplitudes(x) for x in functions]
+    return [system.drive.amplitudes(x) for x in functions]
 
 
 def _ahead(drive: Drive, basis: Array, times: Array) -> Array:

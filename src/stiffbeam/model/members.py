@@ -23,7 +23,7 @@ from .problem import BeamProblem
 from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import Origin, System, require_system
-from .time_functions import Drive, Harmonic, LoadFunction, Sampled, Superposition, TimeFunction, evaluate
+from .time_functions import Harmonic, LoadFunction, Sampled, Superposition, TimeFunction, evaluate
 
 LISTED = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
 # How far the starts of an ensemble's members are apart, relative to the motion. Its means stand for all motions of that
@@ -117,7 +117,7 @@ def march_apart(members: EnsembleMembers) -> bool:
 def _setup(system: System) -> tuple[list[Array], tuple[LoadFunction, ...]]:
     """The matrices, the rows and vectors, and the shares of the functions of time that are neither Harmonic nor
     Constant; and these functions."""
-    drive, rows = Drive.of(system), [row for row, _ in (*system.channels, *system.loads)]
+    drive, rows = system.drive, [row for row, _ in (*system.channels, *system.loads)]
     shares = drive.amplitudes(system.time_functions)[drive.size :]
     return [system.mass, system.damping, system.stiffness, *rows, shares], drive.others
 

@@ -20,7 +20,7 @@ from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import THROUGH, Equations, function_address
 from .beam import velocity_curvature_matrices
 from .contact import Law, channel_motion, channel_position, damps, laws, pressure
-from .time_functions import Drive, breakpoints_of, evaluate, require_closed_form
+from .time_functions import breakpoints_of, evaluate
 
 if TYPE_CHECKING:
     from .system import System
@@ -101,8 +101,8 @@ class RightHandSide:
         rows = np.array([c.row for c in contacts]).reshape(m, system.size)
         pushes = on_velocities(np.array([divide(row) for row in rows]).reshape(rows.shape))
         # Functions of time: amplitudes of those in closed form, then of those that Python has to call.
-        drive = Drive.of(system)
-        nodal, offsets = drive.of_loads(system), drive.amplitudes([c.offset for c in contacts])
+        drive = system.drive
+        nodal, offsets = system.load_amplitudes, drive.amplitudes([c.offset for c in contacts])
         loads, power = on_velocities(divide(nodal.T).T), on_velocities(nodal)
         of_offsets = np.any(offsets[len(offsets) - len(drive.called) :], axis=1)
         self._called: list[Any] = [
@@ -400,7 +400,7 @@ class ODE:
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a load or an offset is not smooth."""
-        return tuple(breakpoints_of(*Drive.of(self.system).others).tolist())
+        return tuple(breakpoints_of(*self.system.drive.others).tolist())
 
     @cached_property
     def cfunc(self) -> tuple[int, int]:
@@ -409,7 +409,7 @@ class ODE:
 
         Raises InputError where a load or an offset is a Python function.
         """
-        require_closed_form(self.system, "compiled code")
+        self.system.drive.require_closed_form("compiled code")
         return function_address("state_rate"), self._rhs.equations.c
 
     @cached_property
@@ -419,7 +419,7 @@ class ODE:
         Raises InputError where JAX works in single precision, and where a load or an offset is a Python function.
         """
         require_jax_float64()
-        require_closed_form(self.system, "JAX")
+        self.system.drive.require_closed_form("JAX")
         if self.form != FORMS[0]:
             raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
         exponents, numbers = numbers_of(self._rhs.equations)

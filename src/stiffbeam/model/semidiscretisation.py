@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, read_only
 from ..basics.resources import afford
 from ..basics.validation import InputError, instance, integer, one_of
 from .beam import bending_stencil, free_unknowns, interpolation, shape_functions, velocity_curvature_matrices
@@ -135,9 +135,10 @@ def _system(problem: BeamProblem, form: str, cells: int, grid: Grid) -> System:
         contacts=contacts,
         observe=None if reads_tip else tip,
         q0=grid.values(lambda x: (base if u0 is None else u0(x)) - base * (1.0 - (x / L) ** 2)),
+        units=problem.units,
         v0=grid.values(lambda x: (0.0 if v0 is None else v0(x)) - speed * (1.0 - (x / L) ** 2)),
     )
-    factor = grid.stiffness_factor
+    factor = read_only(grid.stiffness_factor)
     origin = Origin(problem=problem, form=form, cells=cells, stiffness_factor=factor, made=system)
     return replace(system, origin=origin)
 

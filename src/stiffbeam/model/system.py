@@ -31,7 +31,7 @@ from ..basics.validation import (
 from .beam import beam_field
 from .contact import Contact, Stops, channel_motion, channel_position
 from .problem import BeamProblem
-from .time_functions import LoadFunction, TimeFunction, description, evaluate, time_function
+from .time_functions import Drive, LoadFunction, TimeFunction, description, evaluate, parts, time_function
 
 if TYPE_CHECKING:
     from .right_hand_side import ODE
@@ -135,9 +135,6 @@ class Origin(Frozen):
     stiffness_factor: Array
     made: System
 
-    def __post_init__(self) -> None:
-        vars(self)["stiffness_factor"] = read_only(self.stiffness_factor)
-
     def problem_of(self, system: System) -> BeamProblem | None:
         """The problem whose semi-discretisation a system with the beam's matrices is, None where its loads are others.
 
@@ -236,8 +233,6 @@ class System(Frozen):
             q0=vector("initial_displacement", self.q0, n), v0=vector("initial_velocity", self.v0, n),
             units=units_labels(self.units),
         )  # fmt: skip
-        if self._beam is not None and not self.units:
-            vars(self)["units"] = self._beam.problem.units
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields; and the fingerprint, by which a copy in another process is known to be equal."""
@@ -298,6 +293,22 @@ class System(Frozen):
     def time_functions(self) -> list[LoadFunction | None]:
         """The functions of time: those of the loads, then the offsets of the channels."""
         return [*(function for _, function in self.loads), *(offset for _, offset in self.channels)]
+
+    @cached_property
+    def drive(self) -> Drive:
+        """The harmonics, the records and the functions without closed form that the ``time_functions`` are made of."""
+        return Drive.of(self.time_functions)
+
+    @property
+    def load_terms(self) -> list[tuple[Array, LoadFunction]]:
+        """(vector, function) of every term of every load, sums term by term."""
+        return [(factor * vector, term) for vector, f in self.loads for factor, term in parts(f)]
+
+    @property
+    def load_amplitudes(self) -> Array:
+        """``Drive.amplitudes`` of the load sum_k p_k f_k(t), (.., n)."""
+        vectors = np.array([p for p, _ in self.loads]).reshape(-1, self.size)
+        return self.drive.amplitudes([f for _, f in self.loads]) @ vectors
 
     @cached_property
     def stiffness_factor(self) -> Array | None:

@@ -20,7 +20,7 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers, one_of
 from .members import value_at, with_values
 from .system import System
-from .time_functions import Constant, Harmonic, LoadFunction, Sampled, leaves, load_terms, parts, require_closed_form
+from .time_functions import Constant, Harmonic, LoadFunction, Sampled, leaves, parts
 
 WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16, 20, 24))  # steps of differences, of the parameter
 # Weights of the changes over 1 to 4 steps, by the sides on which there are systems: of orders 8 and 6, or 4 and 3.
@@ -67,9 +67,9 @@ def offset_terms(system: System) -> list[tuple[int, float, LoadFunction]]:
 def data_of(system: System) -> SystemData:
     """The numbers of a system. Raises InputError for functions of time that are not in closed form."""
     n, m = system.size, len(system.contacts)
-    loads, offsets = load_terms(system), offset_terms(system)
+    loads, offsets = system.load_terms, offset_terms(system)
     terms = leaves(*system.time_functions)
-    require_closed_form(system, "a derivative")
+    system.drive.require_closed_form("a derivative")
     stops = [contact.stops for contact in system.contacts]
     finite = lambda g: g if np.isfinite(g) else 0.0  # noqa: E731
     harmonics = [(f.amplitude, f.frequency, f.phase) for f in terms if isinstance(f, Harmonic)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -33,8 +33,6 @@ from ..basics.validation import (
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
-
-    from .system import System
 
 KINDS = {"linear": 1, "cubic": 3}  # and the degree between two samples
 ORDERS = ("value", "rate", "acceleration")  # the methods of a time function by the order of the derivative
@@ -358,11 +356,6 @@ def leaves(*functions: LoadFunction | None) -> list[LoadFunction]:
     return [leaf for function in functions for _, leaf in parts(function)]
 
 
-def load_terms(system: System) -> list[tuple[Array, LoadFunction]]:
-    """(vector, leaf) of every term of every load."""
-    return [(factor * vector, leaf) for vector, f in system.loads for factor, leaf in parts(f)]
-
-
 def derivative(function: TimeFunction, order: int) -> LoadFunction:
     """f' or f''; in closed form where f is. Raises InputError for a polygon, whose acceleration is impulses."""
     if isinstance(function, Harmonic):
@@ -465,17 +458,14 @@ class Drive:
     called: tuple[LoadFunction, ...]
 
     @classmethod
-    def of(cls, system: System) -> Drive:
-        """The drive of all loads and all stop motions of ``system``; made once, since a system cannot change."""
-        if "_drive" in vars(system):
-            return vars(system)["_drive"]
-        terms = leaves(*system.time_functions)
+    def of(cls, functions: Iterable[LoadFunction | None]) -> Drive:
+        """The drive of these functions."""
+        terms = leaves(*functions)
         # Frequencies are distinguished by their exact values, see the docstring of the class.
         frequencies = {exact_value(f.frequency): f.frequency for f in terms if isinstance(f, Harmonic)}
         records = dict.fromkeys(f for f in terms if isinstance(f, Sampled))
         called = {id(f): f for f in terms if not isinstance(f, KNOWN)}
-        drive = cls(tuple(sorted(frequencies.values())), tuple(records), tuple(called.values()))
-        return vars(system).setdefault("_drive", drive)
+        return cls(tuple(sorted(frequencies.values())), tuple(records), tuple(called.values()))
 
     @property
     def others(self) -> tuple[LoadFunction, ...]:
@@ -508,11 +498,6 @@ class Drive:
                 amplitudes[self.size + at, k] += factor
         return amplitudes
 
-    def of_loads(self, system: System) -> Array:
-        """``amplitudes`` of the load sum_k p_k f_k(t), (d + R + C, n)."""
-        vectors = np.array([p for p, _ in system.loads]).reshape(-1, system.size)
-        return self.amplitudes([f for _, f in system.loads]) @ vectors
-
     @cached_property
     def edges(self) -> Array:
         """The times of all samples, in order: between two of them every record is a polynomial."""
@@ -527,15 +512,13 @@ class Drive:
             table[:, r] = record.taylor(self.edges)
         return table
 
+    def require_samples(self, t_end: float) -> None:
+        """Raise InputError unless all records have samples from 0 to ``t_end``."""
+        for record in self.records:
+            record.covers(0.0, t_end)
 
-def covered(system: System, t_end: float) -> None:
-    """Raise InputError unless all records of a system have samples from 0 to ``t_end``."""
-    for record in Drive.of(system).records:
-        record.covers(0.0, t_end)
-
-
-def require_closed_form(system: System, what: str) -> None:
-    """Raise InputError for functions of time other than Harmonic, Constant and Sampled; what: needs such ones."""
-    for function in Drive.of(system).called:
-        rule, remedy = f"be made of Harmonic, Constant and Sampled for {what}", "Sampled(t, values, 'cubic')"
-        raise InputError("time function", function, rule, f"sample it: {remedy}")
+    def require_closed_form(self, what: str) -> None:
+        """Raise InputError for functions other than Harmonic, Constant and Sampled; what: needs such ones."""
+        for function in self.called:
+            rule, remedy = f"be made of Harmonic, Constant and Sampled for {what}", "Sampled(t, values, 'cubic')"
+            raise InputError("time function", function, rule, f"sample it: {remedy}")

@@ -31,7 +31,7 @@ from ..model.members import off_rigid_stops
 from ..model.modes import undamped_modes
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Drive, Harmonic, Sampled, Superposition, require_closed_form
+from ..model.time_functions import Harmonic, Sampled, Superposition
 from ..references.ensemble import reference_ensemble
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -182,7 +182,7 @@ def _keep_most(axis: Axes, values: Array) -> str:
 
 def _recorded(system: System) -> float:
     """The time at which the first of the system's samples ends, inf without any."""
-    return min((float(record.t[-1]) for record in Drive.of(system).records), default=np.inf)
+    return min((float(record.t[-1]) for record in system.drive.records), default=np.inf)
 
 
 def later(system: System, t: float, q: Array, v: Array) -> System:
@@ -191,7 +191,7 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
     Raises InputError for a function of time that cannot be moved.
     """
 
-    require_closed_form(system, "a later start")
+    system.drive.require_closed_form("a later start")
 
     def shift(function: Any) -> Any:
         if isinstance(function, Harmonic):

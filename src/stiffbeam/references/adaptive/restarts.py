@@ -31,7 +31,7 @@ from ...kernels.rhs import THROUGH
 from ...model.contact import chord
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
-from ...model.time_functions import Drive, breakpoints_of, covered, evaluate
+from ...model.time_functions import breakpoints_of, evaluate
 from ...trajectory.trajectory import SolverFailure
 from ..registry import Request
 
@@ -58,8 +58,8 @@ class Interval(NamedTuple):
 def smooth_intervals(request: Request) -> list[Interval]:
     """Cut [0, t_end] for the loads and contact offsets of the system."""
     system, t_end = request.system, request.t_end
-    covered(system, t_end)
-    drive = Drive.of(system)
+    drive = system.drive
+    drive.require_samples(t_end)
     cubic = any(record.kind == "cubic" for record in drive.records)
     longest = math.inf if request.max_step is None else request.max_step
     # A harmonic load bounds the step too: error control sees a load at the steps only.

@@ -18,7 +18,6 @@ from ...basics.resources import working
 from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
-from ...model.time_functions import Drive
 from ...trajectory.trajectory import Reference, SolverFailure
 from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
@@ -186,7 +185,7 @@ def require_periodic(system: System, period: float) -> None:
     """Raise InputError for loads that do not repeat after a period, and for stops without an exact solution."""
     require_system(system)
     period = positive("period", period)
-    drive = Drive.of(system)
+    drive = system.drive
     for function in drive.others:
         rule = "be made of Harmonic and Constant for a periodic orbit"
         raise InputError("time function", function, rule, "write it as a sum of harmonics")

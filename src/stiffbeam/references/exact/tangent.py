@@ -33,7 +33,7 @@ from ...basics.resources import afford
 from ...basics.validation import InputError
 from ...model.system import System
 from ...model.system_data import SystemData, data_of, offset_terms
-from ...model.time_functions import Constant, Harmonic, Sampled, load_terms
+from ...model.time_functions import Constant, Harmonic, Sampled
 from .free import free_system, pressed_modes
 from .motion import Motion
 
@@ -63,7 +63,7 @@ class Numbers:
 
     def __init__(self, system: System, data: SystemData) -> None:
         self.data, self.n, m = data, len(data.mass), len(data.rows)
-        loads, offsets = load_terms(system), offset_terms(system)
+        loads, offsets = system.load_terms, offset_terms(system)
         self.leaves = [leaf for _, leaf in loads] + [leaf for _, _, leaf in offsets]
         # Functions of time as states behind 1: f of a constant, f and f' of a harmonic, f to f''' of a record.
         widths = [1 if isinstance(x, Constant) else 2 if isinstance(x, Harmonic) else 4 for x in self.leaves]

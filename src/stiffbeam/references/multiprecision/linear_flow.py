@@ -177,7 +177,7 @@ class LinearFlow:
     """G of all regimes of ``system``, at the current precision. start: z (N, 1) at t = 0."""
 
     def __init__(self, system: System) -> None:
-        self.drive = Drive.of(system)
+        self.drive = system.drive
         mass, damping, stiffness, basis, self.contacts, q0, v0 = exact_problem(system, self.drive)
         self.n, self.N, inverse = system.size, 2 * system.size + self.drive.size, arb_mat(mass.tolist()).inv()
 

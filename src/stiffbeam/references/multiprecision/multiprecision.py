@@ -23,7 +23,6 @@ from ...basics.resources import afford, clock, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import Marks
 from ...model.system import System
-from ...model.time_functions import Drive
 from ...trajectory.records import last_before
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, require_short, switched_by_force
@@ -59,7 +58,7 @@ def solve(request: Request) -> Reference:
         raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}", "auto decides by itself")
     for contact in system.contacts:
         contact.stops.require_compliant("multiprecision", "use the method exact, or a large one")
-    for function in Drive.of(system).others:
+    for function in system.drive.others:
         rule = "be made of Harmonic and Constant for multiprecision"
         raise InputError("time function", function, rule, "use the method exact, and sample Python functions for it")
     refuse(system, t_end)
