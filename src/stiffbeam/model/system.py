@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
@@ -20,7 +20,6 @@ from ..basics.text import Units, several
 from ..basics.validation import (
     Frozen,
     InputError,
-    as_doubles,
     constants,
     exact_parts,
     instance,
@@ -421,12 +420,10 @@ class System(Frozen):
         """
         return hashlib.sha256(b"".join(self._content().values())).hexdigest()
 
-    def _content(self, read: Callable[[Any], Any] = lambda value: value) -> dict[str, bytes]:
-        """Content of the fingerprint by name; with ``read`` = as_doubles the values in float64."""
-        loads = (row.tobytes() + description(read(function)).encode() for row, function in self.loads)
-        contacts = (
-            c.row.tobytes() + repr(read(c.stops)).encode() + description(read(c.offset)).encode() for c in self.contacts
-        )
+    def _content(self) -> dict[str, bytes]:
+        """Content of the fingerprint by name."""
+        loads = (row.tobytes() + description(function).encode() for row, function in self.loads)
+        contacts = (c.row.tobytes() + repr(c.stops).encode() + description(c.offset).encode() for c in self.contacts)
         return {
             "form": self.form.encode(),
             "mass": self.mass.tobytes(),
@@ -445,9 +442,8 @@ class System(Frozen):
         loads, ..."""
         of_both = (("unknowns", self.size, other.size), ("form", self.form, other.form))
         whole = [f"{name} ({a} and {b})" for name, a, b in of_both if a != b]
-        mine, theirs = self._content(as_doubles), other._content(as_doubles)
-        names = [name for name, content in mine.items() if content != theirs[name] and name != "exact parameters"]
-        return whole or names or ([] if self.fingerprint == other.fingerprint else ["exact parameters"])
+        mine, theirs = self._content(), other._content()
+        return whole or [name for name, content in mine.items() if content != theirs[name]]
 
 
 def require_system(system: Any, field: str = "system") -> System:
