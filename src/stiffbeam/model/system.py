@@ -169,7 +169,7 @@ class System(Frozen):
 
     Make a system with ``semidiscretise`` or ``System.from_matrices``, and a changed one with ``dataclasses.replace``.
     Data derived from a replaced field, such as a beam's factor of its stiffness, are then no longer available (see
-    Origin). All arrays are checked and copied; the copies are read-only.
+    ``keeps``). All arrays are checked and copied; the copies are read-only.
 
     Parameters
     ----------
