@@ -30,7 +30,7 @@ def condensed(mass, stiffness, node: int, upper: float, load=None, time=None, **
     held, row = K[node, node], -K[node, i] / K[node, node]
     heir = i[np.argmax(np.abs(row))]
     M[heir, heir] += M[node, node]
-    offset = sb.Superposition.weighted([(p[node] / held, time)]) if p[node] else None
+    offset = sb.Superposition(terms=[(p[node] / held, time)]) if p[node] else None
     return sb.System.from_matrices(
         M[np.ix_(i, i)],
         K[np.ix_(i, i)] - held * np.outer(row, row),

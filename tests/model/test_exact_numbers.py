@@ -13,7 +13,6 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import as_doubles, exact_float, exact_value
-from stiffbeam.model.time_functions import Drive
 
 
 def system_of(case, doubles=False):
@@ -50,7 +49,7 @@ def test_a_position_on_a_node_loads_that_node_alone():
         problem = sb.BeamProblem(stiffness=1.0, loads=(sb.PointLoad(position, sb.Constant(1.0)),))
         system = sb.semidiscretise(problem, cells)
         with flint.ctx.workprec(200):
-            basis = exact.exact_problem(system, Drive.of(system))[3].tolist()[0]
+            basis = exact.exact_problem(system, system.drive)[3].tolist()[0]
         assert [i for i, x in enumerate(basis, start=1) if x != 0] == [node]
         assert basis[node - 1] == 1
 
@@ -59,11 +58,10 @@ def test_two_frequencies_that_float64_cannot_tell_apart_stay_two():
     flint, exact = pytest.importorskip("flint"), pytest.importorskip("stiffbeam.references.multiprecision")
     loads = [([1.0], sb.Harmonic(1.0, "10.1")), ([1.0], sb.Harmonic(3.0, 10.1))]
     system = sb.System.from_matrices([[1.0]], [[1.0]], loads=loads, observe=[1.0])
-    drive = Drive.of(system)
-    assert [float(w) for w in drive.frequencies] == [10.1, 10.1]
+    assert [float(w) for w in system.drive.frequencies] == [10.1, 10.1]
     with flint.ctx.workprec(200):
-        basis = [float(line[0]) for line in exact.exact_problem(system, drive)[3].tolist()]
-    sizes = {exact_value(w)[0]: basis[1 + 2 * k] for k, w in enumerate(drive.frequencies)}
+        basis = [float(line[0]) for line in exact.exact_problem(system, system.drive)[3].tolist()]
+    sizes = {exact_value(w)[0]: basis[1 + 2 * k] for k, w in enumerate(system.drive.frequencies)}
     assert sizes == {Fraction("10.1"): 1.0, Fraction(10.1): 3.0}
     # M q'' + K q = sin + 3 sin of what are two frequencies: q = sum F/(1 - w^2) (sin w t - w sin t)
     many = sb.reference(system, 2.0, "multiprecision")

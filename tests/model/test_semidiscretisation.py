@@ -190,9 +190,9 @@ def test_moving_stops_off_the_tip_are_those_of_the_beam_in_absolute_coordinates(
 
 
 def test_a_stop_at_a_node_is_the_same_contact_as_one_of_matrices():
-    tip, still = np.eye(CELLS)[-1], sb.Stops(-0.05, 0.05, stiffness=4e4)
-    made = sb.semidiscretise(beam(replace(still, position=0.5), TIP), CELLS)
-    contacts = [sb.Contact(np.eye(CELLS)[4], still, sb.Harmonic(0.75 * 0.2, 10.0)), sb.Contact(tip, TIP)]
+    still, moves = sb.Stops(-0.05, 0.05, stiffness=4e4), sb.Superposition(terms=[(0.75, sb.Harmonic(0.2, 10.0))])
+    tip, made = np.eye(CELLS)[-1], sb.semidiscretise(beam(replace(still, position=0.5), TIP), CELLS)
+    contacts = [sb.Contact(np.eye(CELLS)[4], still, moves), sb.Contact(tip, TIP)]
     given = sb.System.from_matrices(
         made.mass, made.stiffness, loads=made.loads, observe=tip, initial_velocity=made.v0, contacts=contacts
     )

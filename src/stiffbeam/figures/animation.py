@@ -17,7 +17,7 @@ from ..basics.text import with_unit
 from ..basics.validation import InputError, file_path, instance, integer, positive
 from ..measures.comparison import contact_name
 from ..model.system import System
-from ..model.time_functions import offset_values
+from ..model.time_functions import evaluate
 from ..trajectory.trajectory import Reference, Trajectory
 from .chart import new_figure, short, tip_text
 from .runs import line_of
@@ -143,4 +143,4 @@ def _stop_marks(system: System, i: int, t: Array) -> tuple[float, list[Array]]:
     if system.problem is None:
         return float(i), edges
     stops = system.problem.all_stops[i]
-    return float(system.problem.place(stops)), [offset_values(stops.motion, t) + edge for edge in edges]
+    return float(system.problem.place(stops)), [evaluate(stops.motion, t) + edge for edge in edges]

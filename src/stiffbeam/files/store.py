@@ -29,7 +29,6 @@ from ..basics.text import printable
 from ..basics.validation import InputError, file_path, numbers, positive
 from ..model.contact import Stops
 from ..model.system import System, require_system
-from ..model.time_functions import require_closed_form
 from ..references import reference, solve
 from ..references.exact.motion import Motion, Solver, fresh_after, joined
 from ..references.exact.solution import reference_of
@@ -280,7 +279,7 @@ def cached_reference(
     require_system(system)
     positive("t_end", t_end)
     # A bare callable has no content to make a key of.
-    require_closed_form(system.time_functions, "a cached reference")
+    system.drive.require_closed_form("a cached reference")
     given.apply_defaults()
     settings = {name: x for name, x in given.arguments.items() if name not in ("system", "progress", "seconds")}
     # Another version may round differently, or compute something else.

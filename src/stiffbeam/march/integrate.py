@@ -16,7 +16,6 @@ from ..basics.validation import InputError, integer, one_of, positive, step_coun
 from ..model.members import EnsembleMembers, as_members, march_apart
 from ..model.modes import decoupled_modes, undamped_modes
 from ..model.system import System, require_system
-from ..model.time_functions import covered
 from ..schemes import RigidScheme, Scheme
 from ..schemes.labels import label_of_run
 from ..schemes.scheme import check_contract, is_known, require_scheme
@@ -44,7 +43,7 @@ class Plan:
         self.treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
         self.rule = self.treatment.rule(system, self.given)  # of the contacts of ``system``
         self.scheme = self.treatment.form_of(self.given)
-        covered(system.time_functions, self.t_end)
+        system.drive.require_samples(self.t_end)
         if not is_known(self.scheme):
             check_contract(self.scheme)
         # The modes, or where the damping couples them all unknowns, which then step together.

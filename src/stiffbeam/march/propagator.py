@@ -15,7 +15,7 @@ import numpy as np
 from ..basics.arrays import Array, aligned, copied, padded
 from ..kernels.march import BLOCK, BY_LAW, DRIVE, MEAN
 from ..model.system import System
-from ..model.time_functions import Drive, Term, evaluate, offset_rate
+from ..model.time_functions import Drive, evaluate
 from ..schemes import Scheme
 from .probe import Coordinates, Readers, StepMap
 from .treatment import Treatment
@@ -140,11 +140,13 @@ class Propagator:
         # Of unit loads, load by load and node by node: on entries and new state (L K S, R + D), on velocities.
         self.load_rows = pushed[m:].transpose(0, 2, 1, 3).reshape(-1, R + D)
         self.load_velocity = speeds[m:].transpose(0, 2, 1, 4, 3).reshape((P - m) * K * S, C, K)
-        # Loads, with their shares in the L loads, and offsets that are no formula are sampled, at nodes and entries.
-        drive = Drive.of(coordinates.system)
-        self.loads, self.samples = P - m, drive.split(load_terms(coordinates.system), P - m)[1]
-        self.offset_samples = drive.offsets(coordinates.system)[1]
-        self.harmonic = not self.samples and not self.offset_samples  # then there is no inflow
+        # Functions that are no formula are sampled, at nodes and entries: their shares in the loads and the offsets.
+        drive, self.loads = coordinates.system.drive, P - m
+        self.load_samples, self.offset_samples = (
+            [(share, f) for share, f in zip(shares[drive.size :], drive.others, strict=True) if np.any(share)]
+            for shares in amplitudes_of(coordinates.system)
+        )
+        self.harmonic = not self.load_samples and not self.offset_samples  # then there is no inflow
 
     def pack(self, z: Array) -> Array:
         """The scheme's state (a, N) -> (D + ...,), see march.h."""
@@ -182,15 +184,16 @@ class Propagator:
         at_shares = lambda when: np.where(begun > last - 0.5 * dt, last, begun + when * dt)  # noqa: E731
         times, moved = at_shares(np.array(readers.nodes)).reshape(B, -1), None
         values = np.zeros((B, self.loads, times.shape[1]))  # (B, L, K S)
-        for shares, f in self.samples:
+        for shares, f in self.load_samples:
             values += shares[:, None] * evaluate(f, times)[:, None]
         if self.offset_samples:
             times = at_shares(readers.when)
             moved = np.zeros(times.shape)  # (B, K, g)
-            for unit, function in self.offset_samples:
-                for rates, value in ((False, evaluate), (True, offset_rate)):
-                    here = np.flatnonzero((readers.is_rate == rates) & (readers.channel == np.argmax(unit)))
-                    moved[..., here] += value(function, times[..., here])  # type: ignore[arg-type]
+            for shares, f in self.offset_samples:
+                share = shares[readers.channel]
+                for order in (0, 1):
+                    here = np.flatnonzero((readers.is_rate == order) & (share != 0.0))
+                    moved[..., here] += share[here] * evaluate(f, times[..., here], order)
         rows, velocity = self._effect(values.reshape(B, -1), moved)
         return {"inflow": rows, "inflow_velocity": np.ascontiguousarray(velocity)}
 
@@ -210,16 +213,14 @@ class Propagator:
 
     def forcing(self, system: System) -> Forcing:
         """The harmonic and constant loads and offsets of a system that differs from this one in nothing else."""
-        drive, readers, dt, moved = Drive.of(system), self.one.readers, self.one.dt, None
+        drive, readers, dt, moved = system.drive, self.one.readers, self.one.dt, None
         begun = np.arange(self.steps)[:, None] * dt
-        loads = drive.split(load_terms(system), len(system.loads))[0]
+        loads, offsets = (x[: drive.size] for x in amplitudes_of(system))
         at_nodes = (begun + np.array(readers.nodes) * dt).reshape(-1, 1)
         values = _ahead(drive, loads, at_nodes).swapaxes(1, 2).reshape(drive.size, -1)  # (d, L K S)
-        offsets = drive.offsets(system)[0]
         if np.any(offsets):
-            rates = np.where(readers.is_rate, (drive.derivative().T @ offsets)[:, readers.channel], 0.0)
-            places = np.where(readers.is_rate, 0.0, offsets[:, readers.channel])
-            moved = _ahead(drive, places + rates, begun + readers.when * dt)  # (d, K, g)
+            read = np.where(readers.is_rate, drive.rates(offsets)[:, readers.channel], offsets[:, readers.channel])
+            moved = _ahead(drive, read, begun + readers.when * dt)  # (d, K, g)
         rows, velocity = self._effect(values, moved)  # (d, R + D), (d, C, K)
         constant = float(np.any(rows[0]) or np.any(velocity[0]))
         # Of what a block begins with, in a multiple of 8 numbers, and of its forces.
@@ -232,9 +233,10 @@ class Propagator:
         return Forcing(frequencies, rows, effects, c)
 
 
-def load_terms(system: System) -> list[Term]:
-    """The loads with unit vectors in place of their own."""
-    return [(unit, f) for unit, (_, f) in zip(np.eye(len(system.loads)), system.loads, strict=True)]
+def amplitudes_of(system: System) -> list[Array]:
+    """Amplitudes of the functions of the loads, and of the offsets of the channels, see Drive."""
+    functions = [f for _, f in system.loads], [offset for _, offset in system.channels]
+    return [system.drive.amplitudes(x) for x in functions]
 
 
 def _ahead(drive: Drive, basis: Array, times: Array) -> Array:

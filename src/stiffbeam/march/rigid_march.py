@@ -13,7 +13,7 @@ from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, 
 from ..model.contact import Contact, Stops
 from ..model.modes import decoupled_modes
 from ..model.system import System
-from ..model.time_functions import TimeFunction, evaluate, offset_rate, offset_values
+from ..model.time_functions import TimeFunction, evaluate
 from ..schemes import RigidScheme
 from ..schemes.rigid import AHEAD, POSITION, RESTITUTED, VELOCITY
 from ..schemes.rigid import WHERE_CLOSED as CONDITION
@@ -76,7 +76,7 @@ class RigidStepper:
             values = np.array([evaluate(f, nodes) for _, f in member.loads]).reshape(-1, *nodes.shape)
             values = np.moveaxis(values, 0, 1).reshape(count, -1)
             shifts = (values @ shifts_by_load).reshape(*nodes.shape, m) + self._offset_shifts(member, at, nodes)
-            predicted = np.array([offset_values(c.offset, at + AHEAD * dt) for c in member.contacts])
+            predicted = np.array([evaluate(c.offset, at + AHEAD * dt) for c in member.contacts])
             predicted = np.ascontiguousarray(predicted.reshape(m, count).T)
             path, reactions = rigid_steps(linear, driven=values @ pulses, shifts=shifts, predicted=predicted, z=z)
             y = np.moveaxis(path.reshape(count, *shape)[:, :2], 1, 0).copy()
@@ -143,11 +143,11 @@ class RigidStepper:
             o, e = contact.offset, contact.stops.restitution or 0.0
             for s, kind in enumerate(self.scheme.conditions if o is not None else ()):
                 if kind == POSITION:
-                    shifts[:, s, c] = offset_values(o, nodes[:, s])
+                    shifts[:, s, c] = evaluate(o, nodes[:, s])
                 elif kind == RESTITUTED:
-                    shifts[:, s, c] = offset_values(o, nodes[:, s]) + e * _places_before(o, at, self.dt)
+                    shifts[:, s, c] = evaluate(o, nodes[:, s]) + e * _places_before(o, at, self.dt)
                 else:
-                    shifts[:, s, c] = offset_rate(o, nodes[:, s]) + e * offset_rate(o, at)
+                    shifts[:, s, c] = evaluate(o, nodes[:, s], 1) + e * evaluate(o, at, 1)
         return shifts
 
 
@@ -161,7 +161,7 @@ def _weights(scheme: RigidScheme, dt: float) -> Array:
 
 def _places_before(offset: TimeFunction | None, at: Array, dt: float) -> Array:
     """o(t - dt); before t = 0 such that (o(dt) - o(-dt))/(2 dt) is the rate there, as a scheme takes the positions."""
-    places = np.array(offset_values(offset, np.maximum(at - dt, 0.0)), float)
+    places = np.array(evaluate(offset, np.maximum(at - dt, 0.0)), float)
     if at[0] == 0.0:
-        places[0] = float(offset_values(offset, dt)) - 2.0 * dt * float(offset_rate(offset, 0.0))
+        places[0] = float(evaluate(offset, dt)) - 2.0 * dt * float(evaluate(offset, 0.0, 1))
     return places

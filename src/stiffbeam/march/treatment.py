@@ -9,9 +9,8 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import BY_LAW, LINEAR, MEAN
-from ..model.contact import linear as all_linear
 from ..model.system import System
-from ..model.time_functions import offset_values
+from ..model.time_functions import evaluate
 from ..schemes import RIGID as RIGID_SCHEMES
 from ..schemes import RigidScheme, Scheme
 
@@ -65,7 +64,8 @@ class Treatment:
         if self.means and contacts:
             return MEAN
         # The search for several linear springs ends for a symmetric compliance, which gyroscopic terms do not leave.
-        return LINEAR if all_linear(contacts) and not (len(contacts) > 1 and system.gyroscopic) else BY_LAW
+        linear = all(contact.stops.linear for contact in contacts)
+        return LINEAR if linear and not (len(contacts) > 1 and system.gyroscopic) else BY_LAW
 
     def takes(self, scheme: Scheme) -> bool:
         """Return True if the scheme has a form for this treatment: a mean force takes one that conserves the energy of
@@ -95,7 +95,7 @@ def _require_rigid(system: System, scheme: RigidScheme) -> None:
         if not scheme.restitutes and e is not None:
             rule = f"be left out for {scheme}, which has no impact law"
             raise InputError("stops.restitution", e, rule, "use MoreauJean, or leave it out")
-        moved = float(offset_values(each.offset, 0.0))
+        moved = float(evaluate(each.offset, 0.0))
         u = float(each.row @ system.q0) + moved
         whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))  # rounds a state of a motion
         if abs(each.stops.penetration(u)) > 1e-14 * max(whole, abs(moved)):

@@ -17,7 +17,6 @@ from ..basics.text import DRAW, Units, plain
 from ..basics.validation import InputError
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Drive
 from ..trajectory.recorder import sampled_impacts
 from ..trajectory.records import Impacts, Ledger
 from ..trajectory.trajectory import Reference, Trajectory
@@ -329,7 +328,7 @@ def _compared(run: Any, reference: Reference) -> Comparison:
     period = scales(system, float(reference.provenance["t_end"])).period
     lag = phase_lag(
         t[:steps], run.tip[:steps], run.tip_velocity[:steps], lambda times: u_ref[np.searchsorted(t, times)], together,
-        max(Drive.of(system).frequencies, default=0.0), 2.0 * np.pi / period,
+        max(system.drive.frequencies, default=0.0), 2.0 * np.pi / period,
     )  # fmt: skip
     return Comparison(
         label=run.label, reference=reference.label, units=system.units, dt=dt, steps=run.work.steps,

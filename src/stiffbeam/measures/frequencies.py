@@ -12,14 +12,14 @@ from ..basics.validation import InputError
 from ..model.modes import decoupled_modes, modes, undamped_modes
 from ..model.scales import oscillates
 from ..model.system import System
-from ..model.time_functions import Drive, Sampled, Superposition, parts
+from ..model.time_functions import Sampled
 
 
 def smooth_period(system: System, t_end: float = np.inf) -> float:
     """The longest period of the drives and of the modes that oscillate without contact in a run to t_end; 0 where the
     body flies freely away from its stops. Raises InputError where there are no stops either."""
     free = without_contact(system)
-    rates = [*undamped_modes(free).omega[oscillates(free, t_end)], *Drive.of(free).frequencies]
+    rates = [*undamped_modes(free).omega[oscillates(free, t_end)], *free.drive.frequencies]
     if not rates and not system.contacts:
         remedy = "give it stiffness or a Harmonic load, or a longer run"
         raise InputError("system", "no oscillation", "have a frequency without its stops", remedy)
@@ -40,14 +40,11 @@ def smooth_motion(system: System) -> System:
     loads, which excite every mode and have no steady response, are left out.
     """
     system = without_contact(system)
-    loads = [
-        (p, [(factor, f) for factor, f in parts(function) if not isinstance(f, Sampled)])
-        for p, function in system.loads
-    ]
-    system = replace(system, loads=tuple((p, Superposition.weighted(kept)) for p, kept in loads if kept))
-    y, g = steady_state(system)
+    loads = [(p, f) for p, f in system.load_terms if np.any(p) and not isinstance(f, Sampled)]
+    system = replace(system, loads=tuple(loads))
+    y = steady_state(system)
     # The steady motion at t = 0.
-    q, v = g @ y, Drive.of(system).derivative() @ g @ y
+    q, v = y[0] + np.sum(y[2::2], axis=0), np.array(system.drive.frequencies) @ y[1::2]
     # Its amplitude, whatever the phase of the drive: a sine starts at 0.
     size = float(np.max(np.abs(y[0]) + np.sum(np.hypot(y[1::2], y[2::2]), axis=0))) or 1.0
     natural = modes(system)
@@ -59,20 +56,19 @@ def smooth_motion(system: System) -> System:
     return replace(system, q0=q + np.real(shape), v0=v)
 
 
-def steady_state(system: System) -> tuple[Array, Array]:
-    """(Y, g(0)), q = Y^T g(t): the motion in which every load excites its own frequency only; Y is (d, n).
+def steady_state(system: System) -> Array:
+    """Y of q = Y^T g(t): the motion in which every load excites its own frequency only; Y is (d, n).
 
     A mode that a load meets in resonance, or pushes on without holding it, has no steady response to it: none is taken.
     Raises InputError for a sampled load.
     """
-    drive = Drive.of(system)
-    unit, samples = drive.split(system.loads, system.size)
-    if samples:
+    drive = system.drive
+    if drive.others:
         remedy = "replace the samples by a Harmonic"
         raise InputError("loads", "a sampled load", "be harmonic or constant for the steady motion", remedy)
     basis, apart = undamped_modes(system), decoupled_modes(system)
     damping = basis.shapes.T @ system.damping @ basis.shapes if apart is None else np.diag(apart.damping)
-    forces = basis.force(unit)
+    forces = basis.force(system.load_amplitudes[: drive.size])
     y = np.zeros_like(forces)
     # The constant loads, then every frequency.
     y[0] = np.real(_response(basis.omega, damping, 0.0, forces[0]))
@@ -80,7 +76,7 @@ def steady_state(system: System) -> tuple[Array, Array]:
         sine, cosine = 1 + 2 * k, 2 + 2 * k
         response = _response(basis.omega, damping, frequency, forces[sine] + 1j * forces[cosine])
         y[sine], y[cosine] = np.real(response), np.imag(response)
-    return basis.to_nodal(y), drive.coefficients(0.0)
+    return basis.to_nodal(y)
 
 
 def _response(omega: Array, damping: Array, frequency: float, force: Any) -> Any:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..basics.arrays import Array
 from ..basics.validation import Frozen, InputError, instance, number, positive, vector
 from ..kernels.march import LAW, contact_forces
-from .time_functions import TimeFunction, offset_rate, offset_values, time_function
+from .time_functions import TimeFunction, evaluate, time_function
 
 STIFFEST = 1e200  # of a compliant stop: times a compliance it has to be a number
 
@@ -54,11 +54,6 @@ def power(d: Any, p: float) -> Any:
     return d if p == 1.0 else (2.0 * (d >= 0.0) - 1.0) * abs(d) ** p
 
 
-def elastic(d: Any, law: Law) -> Any:
-    """f(d), odd in d."""
-    return law.kappa * power(d, law.p)
-
-
 def chord(d: Any, law: Law) -> Any:
     """f(d)/d of d > 0: the stiffness of a linear spring with the same force."""
     return law.kappa * d ** (law.p - 1.0)
@@ -80,8 +75,8 @@ def depth_holding(energy: Any, law: Law) -> Any:
 
 
 def pressure(d: Any, rate: Any, law: Law) -> Any:
-    """f(d) (1 + lambda d') + c d', not yet cut off at zero."""
-    return elastic(d, law) * (1.0 + law.lam * rate) + law.c * rate
+    """f(d) (1 + lambda d') + c d' with f = kappa d^p, not yet cut off at zero."""
+    return law.kappa * power(d, law.p) * (1.0 + law.lam * rate) + law.c * rate
 
 
 def jumps(law: Law) -> Any:
@@ -185,7 +180,9 @@ class Stops(Frozen):
     def __repr__(self) -> str:
         """The fields; exponent, damping and so on only where they differ from the linear law's."""
         values = ((x.name, x.default, getattr(self, x.name)) for x in fields(self))
-        shown = (f"{name}={value!r}" for name, default, value in values if name in SIDES or value != default)
+        shown = (
+            f"{name}={value!r}" for name, default, value in values if name in ("lower", "upper") or value != default
+        )
         return f"Stops({', '.join(shown)})"
 
     @property
@@ -278,10 +275,6 @@ class Stops(Frozen):
         """U(v): -U' is the force at rest. A rigid stop holds none."""
         return np.zeros(np.shape(v)) if self.rigid else stored(self.penetration(v), self.coefficients)
 
-    def dissipated(self, v: ArrayLike, velocity: ArrayLike) -> Array:
-        """F + U', the force beyond that of the energy: it takes -(F + U') v' >= 0."""
-        return self.force(v, velocity) - self.force(v, 0.0)
-
     def state(self, v: ArrayLike, velocity: ArrayLike | None = None) -> NDArray[np.int64]:
         """chi = +1 where the upper stop presses, -1 where the lower does, else 0.
 
@@ -290,9 +283,6 @@ class Stops(Frozen):
         v = np.asarray(v, float)
         chi = (v > self.upper_bound).astype(np.int64) - (v < self.lower_bound).astype(np.int64)
         return chi * (self.force(v, velocity) != 0.0) if self.dissipative else chi
-
-
-SIDES = ("lower", "upper")
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,12 +335,12 @@ class Contact(Frozen):
 
 def channel_position(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Array) -> Array:
     """Position of a channel at times t for q (..., n): row q + o(t)."""
-    return q @ row + offset_values(offset, t)
+    return q @ row + evaluate(offset, t)
 
 
 def channel_motion(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Array, v: Array) -> tuple[Array, Array]:
     """Position and velocity of a channel."""
-    return channel_position(row, offset, t, q), v @ row + offset_rate(offset, t)
+    return channel_position(row, offset, t, q), v @ row + evaluate(offset, t, 1)
 
 
 def laws(contacts: Sequence[Contact]) -> Array:
@@ -358,20 +348,10 @@ def laws(contacts: Sequence[Contact]) -> Array:
     return np.array([contact.stops.law for contact in contacts]).reshape(-1, LAW)
 
 
-def linear(contacts: Sequence[Contact]) -> bool:
-    """True if every stop has the linear law."""
-    return all(contact.stops.linear for contact in contacts)
-
-
 def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     """The stop of a contact that exists at t = 0, +-1, or 0: a start exactly on a stop that does not leave it is
     contact, see ``Impacts``."""
-    _, g1, g2, *_ = stops = all_laws(law)
-    upper, lower = (u0 > g2) | ((u0 == g2) & (v0 >= 0.0)), (u0 < g1) | ((u0 == g1) & (v0 <= 0.0))
-    side = upper * 1.0 - lower * 1.0
-    damped = damps(stops)
-    if np.any(damped):  # a damped stop may have let go before the gap opens
-        pressed = -np.sign(contact_forces(u0, v0, law))
-        on = (u0 == g2) | (u0 == g1)
-        side = np.where(damped & ~on, pressed, side)
-    return side
+    stops = all_laws(law)
+    on = 1.0 * ((u0 == stops.g2) & (v0 >= 0.0)) - 1.0 * ((u0 == stops.g1) & (v0 <= 0.0))
+    # Beyond a stop by the force, which a damped one may have let go before the gap opens.
+    return np.where((u0 == stops.g1) | (u0 == stops.g2), on, -np.sign(contact_forces(u0, v0, law)))

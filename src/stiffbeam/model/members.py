@@ -23,10 +23,9 @@ from .problem import BeamProblem
 from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import Origin, System, require_system
-from .time_functions import Constant, Harmonic, LoadFunction, Sampled, Superposition, TimeFunction, offset_values, parts
+from .time_functions import Harmonic, LoadFunction, Sampled, Superposition, TimeFunction, evaluate
 
 LISTED = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
-MATRICES = ("mass", "damping", "stiffness")
 # How far the starts of an ensemble's members are apart, relative to the motion. Its means stand for all motions of that
 # kind only where members part before a scheme leaves the exact motion, else they share what it has strayed to. With
 # 1e-12 the counts of Table 10 that HHT, the trapezoidal rule and the exponential flow make at fine steps were 4 to 10 %
@@ -108,21 +107,19 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
 def march_apart(members: EnsembleMembers) -> bool:
     """Return True if each member is set up by itself: a member has other matrices, contact rows or vectors of loads
     than the system, or functions of time that differ in more than harmonics and constants."""
-    system, terms = members.system, _terms(members.system)
+    arrays, functions = _setup(members.system)
     return any(
-        not all(same(getattr(member, name), getattr(system, name)) for name in MATRICES)
-        or not all(same(a, b) for (a, _), (b, _) in zip(member.channels, system.channels, strict=True))
-        or _terms(member) != terms
-        for member in members
+        others != functions or len(mine) != len(arrays) or not all(map(same, mine, arrays))
+        for mine, others in map(_setup, members)
     )
 
 
-def _terms(system: System) -> tuple[list[bytes], list[tuple[int, LoadFunction, float]]]:
-    """The vectors of the loads, and the functions of loads and offsets that are neither Harmonic nor Constant, with
-    place and factor."""
-    pieces = [(i, part, factor) for i, f in enumerate(system.time_functions) for factor, part in parts(f)]
-    others = [piece for piece in pieces if not isinstance(piece[1], (Harmonic, Constant))]
-    return [vector.tobytes() for vector, _ in system.loads], others
+def _setup(system: System) -> tuple[list[Array], tuple[LoadFunction, ...]]:
+    """The matrices, the rows and vectors, and the shares of the functions of time that are neither Harmonic nor
+    Constant; and these functions."""
+    drive, rows = system.drive, [row for row, _ in (*system.channels, *system.loads)]
+    shares = drive.amplitudes(system.time_functions)[drive.size :]
+    return [system.mass, system.damping, system.stiffness, *rows, shares], drive.others
 
 
 def perturbed_members(
@@ -186,7 +183,7 @@ def perturbed_members(
 def off_rigid_stops(system: System, q: Array) -> Array:
     """q (n,), or the start of the system where q is beyond a rigid stop."""
     for contact in system.contacts:
-        shift = float(offset_values(contact.offset, 0.0))
+        shift = float(evaluate(contact.offset, 0.0))
         if contact.stops.rigid and contact.stops.penetration(contact.row @ q + shift) != 0.0:
             return system.q0
     return q
@@ -252,7 +249,7 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     The drive is the base motion, else the loads, else the motion of the stops. Raises InputError, also for another
     drive of a beam that starts with the speed of its base.
     """
-    if system.problem is not None and not (system.origin and system.origin.starts(system)):
+    if system.problem is not None and not system.keeps("q0", "v0"):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
         raise InputError(", ".join(values), "a beam with other initial data", "be varied with its problem", remedy)
     root: Any = system.problem or system
@@ -312,6 +309,10 @@ def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
     """Names and indexes from a problem or a system to each number that a path stands for, and its sign there."""
     beam = isinstance(root, BeamProblem)
     stops = root.all_stops if beam else [contact.stops for contact in root.contacts]
+    # Where the problem or the system keeps them.
+    places = [("stops", i) if beam else ("contacts", i, "stops") for i in range(len(stops))]
+    if beam and isinstance(root.stops, Stops):
+        places = [("stops",)]
     if path in DRIVE:
         return [(keys, 1.0) for keys in _drive(root, path)]
     if path == CLEARANCE:
@@ -319,8 +320,7 @@ def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
             remedy = "vary another parameter, or give the case stops"
             raise InputError("parameter", CLEARANCE, "be asked of a case with stops", remedy)
         sides = [(i, side, sign) for i in range(len(stops)) for side, sign in (("lower", -1.0), ("upper", 1.0))]
-        there = [(f"stops[{i}].{side}", sign) for i, side, sign in sides if getattr(stops[i], side) is not None]
-        return [(keys, sign) for place, sign in there for keys, _ in _keys_of(root, place)]
+        return [((*places[i], side), sign) for i, side, sign in sides if getattr(stops[i], side) is not None]
     keys: tuple[Any, ...] = tuple(int(index) if index else name for name, index in _KEY.findall(path))
     # findall skips what it cannot read. Such a path does not read back as it was.
     if not keys or path_of(keys) != path:
@@ -329,14 +329,12 @@ def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
         keys = ("stops", keys[1], *keys[3:])
     if keys[0] != "stops":
         return [(keys if beam else tuple(AS_GIVEN.get(key, key) for key in keys), 1.0)]
-    # The stops of one contact or of all, where the problem or the system keeps them.
+    # The stops of one contact or of all.
     index = [key for key in keys[1:2] if isinstance(key, int)]
     each, rest = index or list(range(len(stops))), keys[1 + len(index) :]
     if not each or max(each) >= len(stops):
         raise LookupError(path)
-    one = beam and isinstance(root.stops, Stops)
-    places = [("stops",) if one else ("stops", i) if beam else ("contacts", i, "stops") for i in each]
-    return [((*place, *rest), 1.0) for place in places]
+    return [((*places[i], *rest), 1.0) for i in each]
 
 
 def _part(thing: Any, key: Any) -> Any:
@@ -361,12 +359,11 @@ def _replaced(thing: Any, keys: Sequence[Any], value: float) -> Any:
     if key == SCALE and isinstance(thing, np.ndarray):
         return value * thing
     if key == SCALE and isinstance(thing, TimeFunction):
-        return Superposition.weighted((value * factor, f) for factor, f in parts(thing))
+        return Superposition(terms=[(value, thing)])
     if isinstance(key, int):
         entries = [new if i == key else x for i, x in enumerate(thing)]
         return np.array(entries) if isinstance(thing, np.ndarray) else tuple(entries)
-    # The constructor of a Superposition takes functions, not terms.
-    return Superposition.weighted(new) if isinstance(thing, Superposition) else replace(thing, **{key: new})
+    return replace(thing, **{key: new})
 
 
 def _drive(root: Any, name: str) -> list[tuple[Any, ...]]:

@@ -222,14 +222,14 @@ class BeamProblem(Frozen):
             time_function("base", self.base, moves=True)
             derivative(self.base, 2)  # it acts by its acceleration, which a polygon does not have
         rule, remedy = "hold PointLoad and DistributedLoad only", "for example PointLoad(0.5, Constant(1.0))"
-        single = isinstance(self.loads, (PointLoad, DistributedLoad))
-        vars(self)["loads"] = (
-            (self.loads,) if single else tuple(sequence("loads", self.loads, rule, "for none write ()"))
+        single = isinstance(self.loads, Load)
+        vars(self)["loads"] = tuple(
+            [self.loads] if single else sequence("loads", self.loads, rule, "for none write ()")
         )
         for load in self.loads:
-            point = isinstance(load, PointLoad)
-            instance("loads", load, PointLoad if point else DistributedLoad, remedy, rule)
-            if point and load.position > self.length:
+            if not isinstance(load, Load):
+                raise InputError("loads", load, rule, remedy)
+            if isinstance(load, PointLoad) and load.position > self.length:
                 rule = f"lie on the beam, 0 < position <= {self.length:g}"
                 raise InputError("load.position", load.position, rule, "its end is the length")
         # Functions of x: a wrong one shows only when it is called.

@@ -20,7 +20,7 @@ from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import THROUGH, Equations, function_address
 from .beam import velocity_curvature_matrices
 from .contact import Law, channel_motion, channel_position, damps, laws, pressure
-from .time_functions import Drive, breakpoints_of, evaluate, in_closed_form, leaves, require_closed_form
+from .time_functions import breakpoints_of, evaluate
 
 if TYPE_CHECKING:
     from .system import System
@@ -101,13 +101,13 @@ class RightHandSide:
         rows = np.array([c.row for c in contacts]).reshape(m, system.size)
         pushes = on_velocities(np.array([divide(row) for row in rows]).reshape(rows.shape))
         # Functions of time: amplitudes of those in closed form, then of those that Python has to call.
-        drive = Drive.of(system)
-        called = list({id(f): f for f in leaves(*system.time_functions) if not in_closed_form(f)}.values())
-        loads = drive.amplitudes([(on_velocities(divide(p)), f) for p, f in system.loads], n, called)
-        power = drive.amplitudes([(on_velocities(p), f) for p, f in system.loads], n, called)
-        offsets = drive.amplitudes(zip(np.eye(m), (c.offset for c in contacts), strict=True), m, called)
-        of_offsets = np.any(offsets[len(offsets) - len(called) :], axis=1)
-        self._called: list[Any] = [(f, getattr(f, "value", f), x) for f, x in zip(called, of_offsets, strict=True)]
+        drive = system.drive
+        nodal, offsets = system.load_amplitudes, drive.amplitudes([c.offset for c in contacts])
+        loads, power = on_velocities(divide(nodal.T).T), on_velocities(nodal)
+        of_offsets = np.any(offsets[len(offsets) - len(drive.called) :], axis=1)
+        self._called: list[Any] = [
+            (f, getattr(f, "value", f), x) for f, x in zip(drive.called, of_offsets, strict=True)
+        ]
         # Rows of the velocity and acceleration of every contact. With E on the left C has E y': they take E^-1 along.
         positions, velocities = on_positions(rows), on_velocities(rows)
         accelerations, inertia = velocities, None
@@ -123,14 +123,15 @@ class RightHandSide:
             pattern |= np.outer(push != 0.0, felt != 0.0)
         lower, upper = scipy.linalg.bandwidth(pattern)
         self.equations = Equations(
-            size=self.size, damped=self.damped, called=len(called), matrix=matrix, inertia=inertia, damping=viscous,
-            frequencies=np.array(drive.frequencies), edges=drive.edges, records=drive.table, loads=loads, power=power,
-            offsets=offsets, pushes=pushes, positions=positions, velocities=velocities, accelerations=accelerations,
-            law=laws(contacts), bandwidths=(lower, upper) if lower + upper + 1 < n // 3 else None,
+            size=self.size, damped=self.damped, matrix=matrix, inertia=inertia, damping=viscous, loads=loads,
+            power=power, frequencies=np.array(drive.frequencies), edges=drive.edges, records=drive.table,
+            called=len(drive.called), offsets=offsets, pushes=pushes, positions=positions, velocities=velocities,
+            accelerations=accelerations, law=laws(contacts),
+            bandwidths=(lower, upper) if lower + upper + 1 < n // 3 else None,
         )  # fmt: skip
         self.regime, self.lengths, self.levels = self.equations.regime, self.equations.lengths, self.equations.levels
         self.window = self.equations.window  # (2,): the times at which functions of time may be asked
-        self.in_python, self.roots = bool(called), len(self.levels)
+        self.in_python, self.roots = bool(drive.called), len(self.levels)
         self.bandwidths = self.equations.bandwidths  # lower and upper of E and df/dz, None where a band does not pay
         # (contact, +1 upper or -1 lower) of every gap.
         self.sides = [(i, side) for i, c in enumerate(contacts) for side, _ in c.stops.sides]
@@ -242,7 +243,7 @@ def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
     import jax.numpy as jnp
 
     w = numbers.frequencies
-    # Sines and cosines in the order of ``Drive.coefficients``, with their rates.
+    # Sines and cosines in the order of ``Drive``, with their rates.
     s, c = jnp.sin(w * t), jnp.cos(w * t)
     g, rate = jnp.stack([s, c], axis=1).ravel(), jnp.stack([w * c, -w * s], axis=1).ravel()
     values = rates = jnp.zeros(numbers.records.shape[1])
@@ -399,7 +400,7 @@ class ODE:
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a load or an offset is not smooth."""
-        return tuple(breakpoints_of(*self.system.time_functions).tolist())
+        return tuple(breakpoints_of(*self.system.drive.others).tolist())
 
     @cached_property
     def cfunc(self) -> tuple[int, int]:
@@ -408,7 +409,7 @@ class ODE:
 
         Raises InputError where a load or an offset is a Python function.
         """
-        require_closed_form(self.system.time_functions, "compiled code")
+        self.system.drive.require_closed_form("compiled code")
         return function_address("state_rate"), self._rhs.equations.c
 
     @cached_property
@@ -418,7 +419,7 @@ class ODE:
         Raises InputError where JAX works in single precision, and where a load or an offset is a Python function.
         """
         require_jax_float64()
-        require_closed_form(self.system.time_functions, "JAX")
+        self.system.drive.require_closed_form("JAX")
         if self.form != FORMS[0]:
             raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
         exponents, numbers = numbers_of(self._rhs.equations)

@@ -10,7 +10,7 @@ from ..basics.arrays import Array
 from .contact import Contact, chord, depth_holding, depth_under, stored
 from .modes import undamped_modes
 from .system import System
-from .time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, evaluate, parts
+from .time_functions import Constant, Harmonic, LoadFunction, Sampled, evaluate, parts
 
 UNNOTICED = 0.1  # (rate t_end)^2/12 below 1e-3: a force that turns a mode so slowly does not show in the run
 SAMPLES = 4001  # of a function in Python, over a run
@@ -54,9 +54,9 @@ class Scales:
 @np.errstate(over="ignore")  # a speed of inf is refused by those who need one
 def scales(system: System, t_end: float = np.inf) -> Scales:
     """The scales of a run of ``system`` to t_end, inf where it is not known."""
-    basis, drive, largest = undamped_modes(system), Drive.of(system), _speed(system, t_end)
+    basis, drive, largest = undamped_modes(system), system.drive, _speed(system, t_end)
     # Constant loads in modal coordinates: a mode flies against them with the speed V.
-    constant = basis.force(drive.split(system.loads, system.size)[0][0])
+    constant = basis.force(system.load_amplitudes[0])
     # A mode turns by its stiffness, or against the constant loads.
     rates = np.maximum(basis.omega, 0.0 if largest == 0.0 else np.abs(constant) / largest)
     drifts = rates <= UNNOTICED / t_end

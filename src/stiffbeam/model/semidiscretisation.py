@@ -2,8 +2,9 @@
 
 All are written in v = u - phi(t) (1 - (x/L)^2), which vanishes with its slope at the clamp and leaves the
 tip alone, u(L, t) = v(L, t). Grid: h = L/M, x_i = i h, unknowns at x_1..x_M. The paper has L = m = 1,
-k^2 for EI and d for eta. Point loads and stops between nodes act through linear interpolation, see hat.
-A stop at x meets u - m(t) = v + o(t) with
+k^2 for EI and d for eta. Point loads and stops between nodes act through linear interpolation, whose error
+for a smooth v is theta (1 - theta) h^2/2 v_xx, theta in [0, 1] the place within the cell. A stop at x
+meets u - m(t) = v + o(t) with
 
     o(t) = phi(t) (1 - (x/L)^2) - m(t),   m the stop's own motion.
 
@@ -18,17 +19,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array
+from ..basics.arrays import Array, read_only
 from ..basics.resources import afford
 from ..basics.validation import InputError, instance, integer, one_of
 from .beam import bending_stencil, free_unknowns, interpolation, shape_functions, velocity_curvature_matrices
 from .contact import Contact, Stops
 from .modes import damping_of, undamped_modes
-from .problem import BeamProblem, PointLoad
+from .problem import BeamProblem, PointLoad, Profile
 from .system import Origin, System
-from .time_functions import LoadFunction, combined, derivative
+from .time_functions import LoadFunction, Superposition, derivative
 
 # Element matrices for (v_0, h v_0', v_1, h v_1'). MASS is times m h/420.
 MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
@@ -37,7 +37,6 @@ BENDING = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6
 MEAN, SLOPE = np.array([0.0, -1.0, 0.0, 1.0]), np.sqrt(3.0) * np.array([2.0, 1.0, -2.0, 1.0])
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # integrates loads of degree 8 along an element exactly
 POINTS, WEIGHTS = 0.5 * (POINTS + 1.0), 0.5 * WEIGHTS
-Along = Callable[[Array], ArrayLike]  # a function of x
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,21 +52,9 @@ class Grid:
     stiffness: Array
     stiffness_factor: Array
     row: Callable[[float], Array]
-    work: Callable[[Along], Array]
+    work: Callable[[Profile], Array]
     bending: Array
-    values: Callable[[Along], Array]
-
-
-def hat(share: float, M: int) -> Array:
-    """Linear interpolation between the nodes beside x = share L; node 0 is held.
-
-    The error for a smooth v is theta (1 - theta) h^2/2 v_xx, theta in [0, 1] the place within the cell: second order.
-    """
-    cell = min(int(share * M), M - 1)
-    theta = share * M - cell
-    weights = np.zeros(M + 1)
-    weights[cell], weights[cell + 1] = 1.0 - theta, theta
-    return weights[1:]
+    values: Callable[[Profile], Array]
 
 
 FORMS = ("displacement", "velocity-curvature")  # the paper's
@@ -139,18 +126,21 @@ def _system(problem: BeamProblem, form: str, cells: int, grid: Grid) -> System:
         contacts=contacts,
         observe=None if reads_tip else tip,
         q0=grid.values(lambda x: (base if u0 is None else u0(x)) - base * (1.0 - (x / L) ** 2)),
+        units=problem.units,
         v0=grid.values(lambda x: (0.0 if v0 is None else v0(x)) - speed * (1.0 - (x / L) ** 2)),
     )
-    factor = grid.stiffness_factor
+    factor = read_only(grid.stiffness_factor)
     origin = Origin(problem=problem, form=form, cells=cells, stiffness_factor=factor, made=system)
     return replace(system, origin=origin)
 
 
 def _contact(problem: BeamProblem, stops: Stops, row: Callable[[float], Array]) -> Contact:
     share = problem.place(stops) / problem.length
-    offset = combined((1.0 - share**2, problem.base), (-1.0, stops.motion))
+    moves = [(1.0 - share**2, problem.base), (-1.0, stops.motion)]
+    moves = [(factor, f) for factor, f in moves if f is not None and factor]
     at_a_place = stops.position is not None or stops.motion is not None
-    return Contact(row(share), replace(stops, position=None, motion=None) if at_a_place else stops, offset)
+    stops = replace(stops, position=None, motion=None) if at_a_place else stops
+    return Contact(row(share), stops, Superposition(terms=moves) if moves else None)
 
 
 def _loads(problem: BeamProblem, grid: Grid) -> tuple[tuple[Array, LoadFunction], ...]:
@@ -172,13 +162,14 @@ def _loads(problem: BeamProblem, grid: Grid) -> tuple[tuple[Array, LoadFunction]
 def _nodal(problem: BeamProblem, weights: Array, bending: Array, **matrices: Array) -> Grid:
     """A form of the paper: its unknowns are v at the nodes, with their ``weights`` of integration."""
     M, L = len(weights), problem.length
-    x = L * (np.arange(1, M + 1) / M)
+    nodes = np.arange(1, M + 1)
+    x = L * (nodes / M)
 
-    def values(f: Along) -> Array:
+    def values(f: Profile) -> Array:
         return np.broadcast_to(np.asarray(f(x), float), x.shape) + 0.0
 
     return Grid(
-        row=lambda share: hat(share, M),
+        row=lambda share: np.maximum(0.0, 1.0 - np.abs(share * M - nodes)),
         work=lambda f: _weighted(weights, values(f)),
         bending=bending,
         values=values,
@@ -264,7 +255,7 @@ def _hermite(problem: BeamProblem, M: int) -> Grid:
     L, h = problem.length, problem.length / M
     free = free_unknowns(problem.ends, M)
 
-    def work(f: Along) -> Array:
+    def work(f: Profile) -> Array:
         """int f N_i dx over the beam, for every unknown i."""
         total, N = np.zeros(2 * M + 2), shape_functions(POINTS)
         for e in range(M):
@@ -292,7 +283,7 @@ def _hermite(problem: BeamProblem, M: int) -> Grid:
     stiffness = problem.stiffness / h**3 * bending
     damping = (problem.viscosity / problem.stiffness) * stiffness + problem.mass_damping * mass
 
-    def values(f: Along) -> Array:
+    def values(f: Profile) -> Array:
         """The mean-square nearest to f: exact for cubics, and it asks for no slope."""
         moments = work(f)
         return np.asarray(scipy.linalg.solve(gram, moments, assume_a="pos")) if np.any(moments) else 0.0 * moments

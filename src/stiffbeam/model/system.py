@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 from weakref import WeakValueDictionary
 
@@ -19,7 +20,6 @@ from ..basics.text import Units, several
 from ..basics.validation import (
     Frozen,
     InputError,
-    as_doubles,
     constants,
     exact_parts,
     instance,
@@ -30,7 +30,7 @@ from ..basics.validation import (
 from .beam import beam_field
 from .contact import Contact, Stops, channel_motion, channel_position
 from .problem import BeamProblem
-from .time_functions import LoadFunction, TimeFunction, description, evaluate, time_function
+from .time_functions import Drive, LoadFunction, TimeFunction, description, evaluate, parts, time_function
 
 if TYPE_CHECKING:
     from .right_hand_side import ODE
@@ -122,11 +122,7 @@ def loads_of(loads: Any, n: int) -> tuple[tuple[Array, LoadFunction], ...]:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Origin(Frozen):
-    """A beam, its discretisation, and the system that they give.
-
-    Each method compares the arrays of a system with those of ``made``, number by number. A system whose
-    stiffness was replaced therefore has no factor from the old one, and no beam: it never gets data that do not belong
-    to its matrices. The comparison costs n^2 and is made once.
+    """A beam, its discretisation, and the system that they give, see ``System.keeps``.
 
     cells: of the grid. stiffness_factor: G with G^T G = stiffness. made: the system, with one contact per stops of the
     problem, in order.
@@ -138,29 +134,14 @@ class Origin(Frozen):
     stiffness_factor: Array
     made: System
 
-    def __post_init__(self) -> None:
-        vars(self)["stiffness_factor"] = read_only(self.stiffness_factor)
-
-    def has_matrices_of(self, system: System) -> bool:
-        """Return True if mass, damping and stiffness are still those of the origin."""
-        return all(same(getattr(self.made, name), getattr(system, name)) for name in ("mass", "damping", "stiffness"))
-
-    def starts(self, system: System) -> bool:
-        """Return True if the system has the initial data of the problem."""
-        return same(self.made.q0, system.q0) and same(self.made.v0, system.v0)
-
     def problem_of(self, system: System) -> BeamProblem | None:
-        """The beam with the stops that the system has, where matrices and loads are the beam's own.
+        """The problem whose semi-discretisation a system with the beam's matrices is, None where its loads are others.
 
-        None where a contact is neither where the problem has stops, moving as they do, nor at rest at the tip.
+        None also where a contact is neither where the problem has stops, moving as they do, nor at rest at the tip.
         """
-        if not self.has_matrices_of(system) or len(self.made.loads) != len(system.loads):
-            return None
-        pairs = zip(self.made.loads, system.loads, strict=True)
-        if not all(same(a, b) and (f is g or f == g) for (a, f), (b, g) in pairs):
-            return None
+        pairs = zip_longest(self.made.loads, system.loads, fillvalue=(None, None))
         stops = tuple(self._stops_of(contact) for contact in system.contacts)
-        if None in stops:
+        if None in stops or not all(same(a, b) and (f is g or f == g) for (a, f), (b, g) in pairs):
             return None
         return self.problem if stops == self.problem.all_stops else replace(self.problem, stops=stops)
 
@@ -188,7 +169,7 @@ class System(Frozen):
 
     Make a system with ``semidiscretise`` or ``System.from_matrices``, and a changed one with ``dataclasses.replace``.
     Data derived from a replaced field, such as a beam's factor of its stiffness, are then no longer available (see
-    Origin). All arrays are checked and copied; the copies are read-only.
+    ``keeps``). All arrays are checked and copied; the copies are read-only.
 
     Parameters
     ----------
@@ -251,8 +232,6 @@ class System(Frozen):
             q0=vector("initial_displacement", self.q0, n), v0=vector("initial_velocity", self.v0, n),
             units=units_labels(self.units),
         )  # fmt: skip
-        if self.origin is not None and not self.units and self.origin.has_matrices_of(self):
-            vars(self)["units"] = self.origin.problem.units
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields; and the fingerprint, by which a copy in another process is known to be equal."""
@@ -315,30 +294,50 @@ class System(Frozen):
         return [*(function for _, function in self.loads), *(offset for _, offset in self.channels)]
 
     @cached_property
+    def drive(self) -> Drive:
+        """The harmonics, the records and the functions without closed form that the ``time_functions`` are made of."""
+        return Drive.of(self.time_functions)
+
+    @property
+    def load_terms(self) -> list[tuple[Array, LoadFunction]]:
+        """(vector, function) of every term of every load, sums term by term."""
+        return [(factor * vector, term) for vector, f in self.loads for factor, term in parts(f)]
+
+    @property
+    def load_amplitudes(self) -> Array:
+        """``Drive.amplitudes`` of the load sum_k p_k f_k(t), (.., n)."""
+        vectors = np.array([p for p, _ in self.loads]).reshape(-1, self.size)
+        return self.drive.amplitudes([f for _, f in self.loads]) @ vectors
+
+    @cached_property
     def stiffness_factor(self) -> Array | None:
         """G with G^T G = K where one is known, from which frequencies lose eps w_max/w_1 rather than its square."""
-        origin = self.origin
-        return origin.stiffness_factor if origin and same(origin.made.stiffness, self.stiffness) else None
+        return self.origin.stiffness_factor if self.origin and self.keeps("stiffness") else None
 
     @cached_property
     def problem(self) -> BeamProblem | None:
         """The beam of which this is the semi-discretisation, its initial data being q0 and v0; else None."""
-        return None if self.origin is None else self.origin.problem_of(self)
+        return None if self._beam is None else self._beam.problem_of(self)
+
+    def keeps(self, *names: str) -> bool:
+        """Return True if these arrays equal those that the origin made, number by number, so that data of the origin
+        belong to them."""
+        return self.origin is not None and all(same(getattr(self.origin.made, x), getattr(self, x)) for x in names)
 
     @cached_property
-    def _beam_origin(self) -> Origin | None:
+    def _beam(self) -> Origin | None:
         """The origin, if the system still has its matrices."""
-        return self.origin if self.origin and self.origin.has_matrices_of(self) else None
+        return self.origin if self.keeps("mass", "damping", "stiffness") else None
 
     @property
     def form(self) -> str:
         """The space discretisation that made the matrices, "matrices" for anyone's own."""
-        return self._beam_origin.form if self._beam_origin else "matrices"
+        return self._beam.form if self._beam else "matrices"
 
     @property
     def cells(self) -> int | None:
         """The cells of the beam's grid, None for anyone's own matrices."""
-        return self._beam_origin.cells if self._beam_origin else None
+        return self._beam.cells if self._beam else None
 
     @cached_property
     def channels(self) -> tuple[tuple[Array, TimeFunction | None], ...]:
@@ -421,12 +420,10 @@ class System(Frozen):
         """
         return hashlib.sha256(b"".join(self._content().values())).hexdigest()
 
-    def _content(self, read: Callable[[Any], Any] = lambda value: value) -> dict[str, bytes]:
-        """Content of the fingerprint by name; with ``read`` = as_doubles the values in float64."""
-        loads = (row.tobytes() + description(read(function)).encode() for row, function in self.loads)
-        contacts = (
-            c.row.tobytes() + repr(read(c.stops)).encode() + description(read(c.offset)).encode() for c in self.contacts
-        )
+    def _content(self) -> dict[str, bytes]:
+        """Content of the fingerprint by name."""
+        loads = (row.tobytes() + description(function).encode() for row, function in self.loads)
+        contacts = (c.row.tobytes() + repr(c.stops).encode() + description(c.offset).encode() for c in self.contacts)
         return {
             "form": self.form.encode(),
             "mass": self.mass.tobytes(),
@@ -445,9 +442,8 @@ class System(Frozen):
         loads, ..."""
         of_both = (("unknowns", self.size, other.size), ("form", self.form, other.form))
         whole = [f"{name} ({a} and {b})" for name, a, b in of_both if a != b]
-        mine, theirs = self._content(as_doubles), other._content(as_doubles)
-        names = [name for name, content in mine.items() if content != theirs[name] and name != "exact parameters"]
-        return whole or names or ([] if self.fingerprint == other.fingerprint else ["exact parameters"])
+        mine, theirs = self._content(), other._content()
+        return whole or [name for name, content in mine.items() if content != theirs[name]]
 
 
 def require_system(system: Any, field: str = "system") -> System:

@@ -20,12 +20,14 @@ from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers, one_of
 from .members import value_at, with_values
 from .system import System
-from .time_functions import Constant, Harmonic, LoadFunction, Sampled, leaves, parts, require_closed_form
+from .time_functions import Constant, Harmonic, LoadFunction, Sampled, leaves, parts
 
 WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16, 20, 24))  # steps of differences, of the parameter
-ORDER_8 = np.array([4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0])
-ORDER_6 = np.array([3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0])
-ONE_SIDED = np.array([4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0]), np.array([3.0, -1.5, 1.0 / 3.0, 0.0])  # orders 4 and 3
+# Weights of the changes over 1 to 4 steps, by the sides on which there are systems: of orders 8 and 6, or 4 and 3.
+WEIGHTS = {
+    2: np.array([[4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0], [3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0]]),
+    1: np.array([[4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0], [3.0, -1.5, 1.0 / 3.0, 0.0]]),
+}
 EXACT = 1e-12  # relative: differences that agree to that are taken
 ROUNDING = 64.0 * float(np.finfo(float).eps)  # of an array's numbers, in their differences
 SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
@@ -57,11 +59,6 @@ class SystemData(SimpleNamespace):
         return self.of_vector(np.zeros(len(self.vector())))
 
 
-def load_terms(system: System) -> list[tuple[Array, LoadFunction]]:
-    """(vector, leaf) of every term of every load."""
-    return [(factor * vector, leaf) for vector, f in system.loads for factor, leaf in parts(f)]
-
-
 def offset_terms(system: System) -> list[tuple[int, float, LoadFunction]]:
     """(contact, factor, leaf) of every term of every offset."""
     return [(i, x, leaf) for i, contact in enumerate(system.contacts) for x, leaf in parts(contact.offset)]
@@ -70,13 +67,13 @@ def offset_terms(system: System) -> list[tuple[int, float, LoadFunction]]:
 def data_of(system: System) -> SystemData:
     """The numbers of a system. Raises InputError for functions of time that are not in closed form."""
     n, m = system.size, len(system.contacts)
-    loads, offsets = load_terms(system), offset_terms(system)
+    loads, offsets = system.load_terms, offset_terms(system)
     terms = leaves(*system.time_functions)
-    require_closed_form(terms, "a derivative")
+    system.drive.require_closed_form("a derivative")
     stops = [contact.stops for contact in system.contacts]
     finite = lambda g: g if np.isfinite(g) else 0.0  # noqa: E731
     harmonics = [(f.amplitude, f.frequency, f.phase) for f in terms if isinstance(f, Harmonic)]
-    records = [f.pieces for f in terms if isinstance(f, Sampled)]
+    records = [f.taylor(f.t[:-1]) for f in terms if isinstance(f, Sampled)]
     return SystemData(
         mass=system.mass,
         damping=system.damping,
@@ -184,12 +181,9 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
                 problem = refused if problem is None or refused.field == "wrt" else problem
         if not sides:
             continue
-        if len(sides) == 2:
-            slope, other = (order @ (sides[0] + sides[1]) for order in (ORDER_8, ORDER_6))
-        else:
-            slope, other = (order @ sides[0] for order in ONE_SIDED)
+        slope, other = WEIGHTS[len(sides)] @ sum(sides)
         # At a kink, such as a node of linear elements, all symmetric differences agree on the mean of its two slopes.
-        kink = ONE_SIDED[0] @ (sides[0] - sides[-1])
+        kink = WEIGHTS[1][0] @ (sides[0] - sides[-1])
         # Each array by its own largest slope: a stiffness may have a far larger one than a row. Beside rounding.
         rounding = ROUNDING * largest(centre) / (width * scale)
         size = np.maximum(largest(slope), rounding)

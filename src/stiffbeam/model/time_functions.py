@@ -18,14 +18,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.validation import Frozen, InputError, constants, exact_value, integer, number, numbers, one_of, positive
+from ..basics.validation import (
+    Frozen,
+    InputError,
+    constants,
+    exact_value,
+    integer,
+    number,
+    numbers,
+    one_of,
+    positive,
+    sequence,
+)
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
-    from .system import System
-
 KINDS = {"linear": 1, "cubic": 3}  # and the degree between two samples
+ORDERS = ("value", "rate", "acceleration")  # the methods of a time function by the order of the derivative
 BEYOND = 1e-9  # of its span, how far outside its samples a record is still asked for: t_end is rounded
 
 
@@ -216,7 +226,7 @@ class Sampled(Derivable):
         if integer("derivative", self.derivative, 0) > KINDS[self.kind]:
             rule = f"be at most {KINDS[self.kind]} for kind={self.kind!r}, beyond which there are jumps"
             raise InputError("derivative", self.derivative, rule, 'take samples of kind "cubic"')
-        self._whole  # noqa: B018  which refuses slopes that overflow
+        self.spline  # noqa: B018  which refuses slopes that overflow
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, Sampled) and self.digest == other.digest)
@@ -243,8 +253,8 @@ class Sampled(Derivable):
         return KINDS[self.kind] - self.derivative
 
     @cached_property
-    def _whole(self) -> PPoly:
-        """The interpolant of the samples."""
+    def spline(self) -> PPoly:
+        """The interpolant of the samples, of which the function is a derivative."""
         from scipy.interpolate import CubicSpline, PPoly
 
         with np.errstate(over="ignore", invalid="ignore"):
@@ -261,12 +271,9 @@ class Sampled(Derivable):
             raise InputError("sampled.values", "slopes that overflow", "be representable in float64", remedy)
         return whole
 
-    @cached_property
-    def pieces(self) -> Array:
-        """(samples - 1, 4): coefficient k of (t - t_i)^k between samples i and i + 1."""
-        c = self._whole.derivative(self.derivative).c[::-1].T
-        # Four columns for every kind, so that records of different kinds stand in one table.
-        return np.pad(c, ((0, 0), (0, 4 - c.shape[1])))
+    def taylor(self, t: Array) -> Array:
+        """Coefficients (.., 4) of f(t + s) = c_0 + c_1 s + c_2 s^2 + c_3 s^3 up to the next sample, also outside."""
+        return np.stack([self.spline(t, self.derivative + k) / math.factorial(k) for k in range(4)], axis=-1)
 
     def covers(self, start: float, end: float) -> None:
         """Raise InputError unless it is known from start to end."""
@@ -284,26 +291,28 @@ class Sampled(Derivable):
             self.derived(order)  # raises InputError
         t = np.asarray(t, float)
         self.covers(float(np.min(t, initial=self.t[0])), float(np.max(t, initial=self.t[-1])))
-        return np.asarray(self._whole(t, self.derivative + order))
+        return np.asarray(self.spline(t, self.derivative + order))
 
     def derived(self, times: int) -> Sampled:
         """f' or f''. Raises InputError where that would hold impulses."""
         return Sampled(self.t, self.values, self.kind, self.derivative + times)
 
 
-@dataclass(frozen=True, init=False, repr=False)
+@dataclass(frozen=True, init=False)
 class Superposition(Derivable):
-    """f(t) = sum_k factor_k f_k(t) of ``terms`` = ((factor_k, f_k), ...); ``Superposition(f_1, f_2, ...)`` has factors
-    1.
+    """f(t) = sum_k factor_k f_k(t).
 
     Parameters
     ----------
     *functions : TimeFunction
+        Functions f_k with the factor 1.
+    terms : sequence of (float, TimeFunction)
+        Pairs (factor_k, f_k). The attribute has all pairs, a sum among them term by term.
 
     Raises
     ------
     InputError
-        For anything without value, rate and acceleration, such as a bare function.
+        For anything without value, rate and acceleration, such as a bare function, and for terms that are no pairs.
 
     Examples
     --------
@@ -312,42 +321,25 @@ class Superposition(Derivable):
     3.0
     """
 
-    terms: tuple[tuple[float, LoadFunction], ...]
+    terms: tuple[tuple[float, TimeFunction], ...]
 
-    def __init__(self, *functions: TimeFunction) -> None:
-        if not functions:
-            rule, remedy = "have at least one function of time", "for none give Constant(0.0)"
-            raise InputError("Superposition", "nothing", rule, remedy)
-        for function in functions:
-            time_function("Superposition", function, moves=True)
-        vars(self)["terms"] = tuple((1.0, function) for function in functions)
-
-    @classmethod
-    def weighted(cls, terms: Iterable[tuple[float, LoadFunction]]) -> Superposition:
-        """A sum of multiples of functions that have been checked."""
-        total = object.__new__(cls)
-        vars(total)["terms"] = tuple((float(factor), f) for factor, f in terms)
-        return total
-
-    def __repr__(self) -> str:
-        terms = (repr(f) if factor == 1.0 else f"{factor:g} * {f!r}" for factor, f in self.terms)
-        return f"Superposition({', '.join(terms)})"
+    def __init__(self, *functions: TimeFunction, terms: Sequence[tuple[float, TimeFunction]] = ()) -> None:
+        rule, remedy = "hold pairs (factor, time function)", "for example (0.5, Constant(1.0))"
+        pairs = [*((1.0, f) for f in functions), *sequence("Superposition.terms", terms, rule, remedy)]
+        if not pairs:
+            raise InputError("Superposition", "nothing", "add one function or more", "for none give Constant(0.0)")
+        for pair in pairs:
+            if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+                raise InputError("Superposition.terms", pair, rule, remedy)
+        # A sum in a sum is flattened, the factors multiplied.
+        vars(self)["terms"] = tuple(
+            (number("Superposition.terms", factor) * inner, leaf)
+            for factor, f in pairs
+            for inner, leaf in parts(time_function("Superposition", f, moves=True))
+        )
 
     def _at(self, t: ArrayLike, order: int) -> Array:
-        terms = (factor * evaluate(Derivative(f, order) if order else f, t) for factor, f in self.terms)
-        return sum(terms, np.zeros(np.shape(t)))
-
-
-@dataclass(frozen=True)
-class Derivative:
-    """t -> f'(t) or f''(t) of a function that is known by its values only: a load that moves with a base."""
-
-    function: Any
-    order: int
-
-    def __call__(self, t: ArrayLike) -> Array:
-        """f'(t) for order 1, f''(t) for order 2."""
-        return self.function.rate(t) if self.order == 1 else self.function.acceleration(t)
+        return sum((factor * evaluate(f, t, order) for factor, f in self.terms), np.zeros(np.shape(t)))
 
 
 LoadFunction = TimeFunction | Callable[[Any], Any]
@@ -355,11 +347,8 @@ KNOWN = (Harmonic, Constant, Sampled)  # what closed forms are made of
 
 
 def parts(function: LoadFunction | None) -> tuple[tuple[float, LoadFunction], ...]:
-    """The (factor, f) that a Superposition, of others too, adds up; any other function itself, none for None."""
-    if isinstance(function, Superposition):
-        # Nested sums are flattened, their factors multiplied.
-        return tuple((factor * inner, f) for factor, term in function.terms for inner, f in parts(term))
-    return () if function is None else ((1.0, function),)
+    """The (factor, f) that a Superposition adds up; any other function itself, none for None."""
+    return function.terms if isinstance(function, Superposition) else () if function is None else ((1.0, function),)
 
 
 def leaves(*functions: LoadFunction | None) -> list[LoadFunction]:
@@ -367,23 +356,8 @@ def leaves(*functions: LoadFunction | None) -> list[LoadFunction]:
     return [leaf for function in functions for _, leaf in parts(function)]
 
 
-def in_closed_form(*functions: LoadFunction | None) -> bool:
-    """Return True if they are made of Harmonic, Constant and Sampled, whose numbers can be hashed and saved."""
-    return all(isinstance(leaf, KNOWN) for leaf in leaves(*functions))
-
-
-def require_closed_form(functions: Iterable[LoadFunction | None], what: str) -> None:
-    """Raise InputError for a function that is not made of Harmonic, Constant and Sampled; what: needs such ones."""
-    for leaf in leaves(*functions):
-        if not isinstance(leaf, KNOWN):
-            rule, remedy = f"be made of Harmonic, Constant and Sampled for {what}", "Sampled(t, values, 'cubic')"
-            raise InputError("time function", leaf, rule, f"sample it: {remedy}")
-
-
 def derivative(function: TimeFunction, order: int) -> LoadFunction:
-    """f, f' or f''; in closed form where f is. Raises InputError for a polygon, whose acceleration is impulses."""
-    if order == 0:
-        return function
+    """f' or f''; in closed form where f is. Raises InputError for a polygon, whose acceleration is impulses."""
     if isinstance(function, Harmonic):
         # In closed form again, so that the exact solution accepts the derivative.
         if order == 2:
@@ -393,16 +367,9 @@ def derivative(function: TimeFunction, order: int) -> LoadFunction:
         return Constant(0.0)
     if isinstance(function, Sampled):
         return function.derived(order)
-    if isinstance(function, Superposition) and in_closed_form(function):
-        return Superposition.weighted((factor, derivative(f, order)) for factor, f in function.terms)  # type: ignore[arg-type]
-    return Derivative(function, order)
-
-
-def covered(functions: Iterable[LoadFunction | None], t_end: float) -> None:
-    """Raise InputError unless every Sampled among the functions has samples from 0 to ``t_end``."""
-    for leaf in leaves(*functions):
-        if isinstance(leaf, Sampled):
-            leaf.covers(0.0, t_end)
+    if isinstance(function, Superposition) and all(isinstance(f, KNOWN) for _, f in function.terms):
+        return Superposition(terms=[(factor, derivative(f, order)) for factor, f in function.terms])  # type: ignore[misc]
+    return getattr(function, ORDERS[order])
 
 
 def time_function(field: str, function: Any, moves: bool = False) -> Any:
@@ -417,14 +384,17 @@ def time_function(field: str, function: Any, moves: bool = False) -> Any:
     return function
 
 
-def evaluate(function: LoadFunction, t: ArrayLike) -> Array:
-    """f(t) of a TimeFunction or of a bare callable, as a float array of the shape of ``t``."""
+def evaluate(function: LoadFunction | None, t: ArrayLike, order: int = 0) -> Array:
+    """f(t), or of a TimeFunction f'(t) or f''(t), as a float array of the shape of ``t``; 0 for None."""
     t = np.asarray(t, float)
+    if function is None:
+        return np.zeros(t.shape)
     remedy = "write it with NumPy functions, for example numpy.where for an if"
     # A function of the user may raise, or return anything.
     try:
         # Known classes first: the test for a protocol looks at every method.
-        result = function.value(t) if isinstance(function, (*KNOWN, Superposition, TimeFunction)) else function(t)
+        timed = isinstance(function, (*KNOWN, Superposition, TimeFunction))
+        result = getattr(function, ORDERS[order])(t) if timed else function(t)  # type: ignore[operator]
     except InputError:
         raise
     except Exception as error:  # whatever the functions of others raise
@@ -446,10 +416,11 @@ def description(function: LoadFunction | None) -> str:
         return f"sampled {function.digest}"
     if isinstance(function, Superposition):
         return " + ".join(f"{factor!r} ({description(f)})" for factor, f in function.terms)
-    if isinstance(function, Derivative):
-        return f"derivative {function.order} of ({description(function.function)})"
-    _CALLABLES[id(function)] = function  # kept, so that no other one is ever given its number
-    return f"callable {_PROCESS} {id(function)}"
+    # A method, such as the rate of a base, is a new object each time: by its function and the object that has it.
+    behind = getattr(function, "__func__", function), getattr(function, "__self__", None)
+    key = tuple(map(id, behind))
+    _CALLABLES[key] = behind  # kept, so that no other one is ever given its number
+    return f"callable {_PROCESS} {key}"
 
 
 def breakpoints_of(*functions: LoadFunction | None) -> Array:
@@ -457,8 +428,9 @@ def breakpoints_of(*functions: LoadFunction | None) -> Array:
     functions states, which a bare callable can carry too: ``f.breakpoints = (0.5, 0.502)``."""
     times = [np.zeros(0)]
     for leaf in leaves(*functions):
-        if isinstance(leaf, Derivative):
-            times.append(breakpoints_of(leaf.function))
+        whole = getattr(leaf, "__self__", None)
+        if isinstance(whole, TimeFunction):  # the rate of a base is as smooth as the base
+            times.append(breakpoints_of(whole))
         else:
             stated = leaf.t if isinstance(leaf, Sampled) else getattr(leaf, "breakpoints", None)
             times.append(times_of("breakpoints", () if stated is None else stated))
@@ -470,125 +442,61 @@ def times_of(field: str, values: Any) -> Array:
     return np.unique(numbers(field, values, "be finite times", "give a list of them"))
 
 
-def offset_values(offset: TimeFunction | None, t: ArrayLike) -> Array:
-    """o(t), zero for None."""
-    return np.zeros(np.shape(t)) if offset is None else evaluate(offset, t)
-
-
-def offset_rate(offset: TimeFunction | None, t: ArrayLike) -> Array:
-    """o'(t), zero for None."""
-    return np.zeros(np.shape(t)) if offset is None else offset.rate(t)
-
-
-def combined(*terms: tuple[float, TimeFunction | None]) -> TimeFunction | None:
-    """sum_k factor_k f_k, None for nothing; a multiple of one Harmonic or Constant is one again."""
-    kept = tuple((float(factor), f) for factor, f in terms if f is not None and factor != 0.0)
-    if kept and all(isinstance(f, Constant) for _, f in kept):
-        return Constant(sum(factor * f.level for factor, f in kept if isinstance(f, Constant)))
-    if len(kept) != 1:
-        return Superposition.weighted(kept) if kept else None
-    factor, f = kept[0]
-    if isinstance(f, Harmonic):
-        return Harmonic(factor * f.amplitude, f.frequency, f.phase)
-    return f if factor == 1.0 else Superposition.weighted(kept)
-
-
-def moved(c: Array, s: ArrayLike) -> Array:
-    """The coefficients (..., P) of p(s + .) from those of p: Horner's scheme, as often as there are any to move."""
-    # On a copy: coefficient k collects s times the one above it, the last ones first.
-    c, last = np.array(c), np.shape(c)[-1] - 1
-    for first in range(last):
-        for k in range(last - 1, first - 1, -1):
-            c[..., k] += s * c[..., k + 1]
-    return c
-
-
 # ---------------------------------------------------------------- all those of a system as numbers
 
-Term = tuple[Array, LoadFunction]
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Drive:
-    """The d = 1 + 2 F functions of time that the harmonic and constant loads of a system are made of, and its
-    R ``records``, the Sampled functions among its loads and offsets, each once.
+    """The d = 1 + 2 F functions g(t) that harmonic and constant loads and offsets of a system are made of, its R
+    ``records``, which are Sampled, and the functions ``called``, which have no closed form, each once.
 
     Two frequencies that are equal in float64 but not exactly count as two: multiprecision distinguishes them.
     """
 
     frequencies: tuple[float, ...]
-    records: tuple[Sampled, ...] = ()
+    records: tuple[Sampled, ...]
+    called: tuple[LoadFunction, ...]
 
     @classmethod
-    def of(cls, system: System) -> Drive:
-        """The drive of all loads and all stop motions of ``system``; made once, since a system cannot change."""
-        if "_drive" in vars(system):
-            return vars(system)["_drive"]
-        terms = leaves(*system.time_functions)
+    def of(cls, functions: Iterable[LoadFunction | None]) -> Drive:
+        """The drive of these functions."""
+        terms = leaves(*functions)
         # Frequencies are distinguished by their exact values, see the docstring of the class.
         frequencies = {exact_value(f.frequency): f.frequency for f in terms if isinstance(f, Harmonic)}
         records = dict.fromkeys(f for f in terms if isinstance(f, Sampled))
-        return vars(system).setdefault("_drive", cls(tuple(sorted(frequencies.values())), tuple(records)))
+        called = {id(f): f for f in terms if not isinstance(f, KNOWN)}
+        return cls(tuple(sorted(frequencies.values())), tuple(records), tuple(called.values()))
+
+    @property
+    def others(self) -> tuple[LoadFunction, ...]:
+        """The functions that are neither Harmonic nor Constant: ``records``, then ``called``."""
+        return (*self.records, *self.called)
 
     @property
     def size(self) -> int:
         """d."""
         return 1 + 2 * len(self.frequencies)
 
-    def coefficients(self, t: ArrayLike) -> Array:
-        """g(t), shape t.shape + (d,)."""
-        phase = np.multiply.outer(np.asarray(t, float), np.asarray(self.frequencies, float))
-        g = np.ones((*np.shape(t), self.size))
-        g[..., 1::2], g[..., 2::2] = np.sin(phase), np.cos(phase)
-        return g
+    def rates(self, amplitudes: Array) -> Array:
+        """Amplitudes in g of f' from those of f, (d, ..)."""
+        rates, frequencies = np.zeros_like(amplitudes), np.array(self.frequencies)[:, None]
+        rates[1::2], rates[2::2] = -frequencies * amplitudes[2::2], frequencies * amplitudes[1::2]
+        return rates
 
-    def derivative(self) -> Array:
-        """D with g'(t) = D g(t), (d, d)."""
-        D = np.zeros((self.size, self.size))
-        for i, frequency in enumerate(self.frequencies):
-            k = 1 + 2 * i
-            D[k, k + 1], D[k + 1, k] = frequency, -frequency
-        return D
-
-    def split(self, terms: Iterable[tuple[Array, LoadFunction | None]], width: int) -> tuple[Array, list[Term]]:
-        """sum_k p_k f_k(t) = g(t) @ basis + sum over the rest; basis is (d, width).
-
-        A Superposition is taken term by term. The rest are the terms that are neither Harmonic nor Constant.
-        """
-        basis, rest = np.zeros((self.size, width)), []
-        for vector, function in ((factor * p, f) for p, whole in terms for factor, f in parts(whole)):
-            # The rows stand in the order of ``coefficients``: the constant, then sine and cosine of each frequency.
-            if isinstance(function, Harmonic):
-                k = 1 + 2 * self.frequencies.index(function.frequency)
-                basis[k] += function.amplitude * math.cos(function.phase) * vector
-                basis[k + 1] += function.amplitude * math.sin(function.phase) * vector
-            elif isinstance(function, Constant):
-                basis[0] += function.level * vector
-            else:
-                rest.append((vector, function))
-        return basis, rest
-
-    def offsets(self, system: System) -> tuple[Array, list[Term]]:
-        """The channel offsets o_c(t) as ``split``: basis (d, channels)."""
-        channels = system.channels
-        return self.split(zip(np.eye(len(channels)), (o for _, o in channels), strict=True), len(channels))
-
-    def amplitudes(
-        self, terms: Iterable[tuple[Array, LoadFunction | None]], width: int, called: Sequence[Any] = ()
-    ) -> Array:
-        """Amplitudes of g(t), of the records, and of the functions ``called``, in a sum of terms: (.., width).
-
-        Raises InputError for a term that is none of these.
-        """
-        basis, rest = self.split(terms, width)
-        others = [*self.records, *called]
-        amplitudes = np.zeros((len(others), width))
-        for vector, f in rest:  # records are equal by their numbers, other functions only themselves
-            at = [k for k, x in enumerate(others) if x is f or (isinstance(x, Sampled) and x == f)]
-            if not at:
-                require_closed_form([f], "a closed form")
-            amplitudes[at[0]] += vector
-        return np.concatenate([basis, amplitudes])
+    def amplitudes(self, functions: Sequence[LoadFunction | None]) -> Array:
+        """Column k: the amplitudes of f_k in g(t), in the records and in the functions ``called``, (d + R + C, ..)."""
+        amplitudes, others = np.zeros((self.size + len(self.others), len(functions))), self.others
+        for k, (factor, f) in ((k, part) for k, function in enumerate(functions) for part in parts(function)):
+            if isinstance(f, Harmonic):
+                i = 1 + 2 * self.frequencies.index(f.frequency)
+                amplitudes[i, k] += factor * f.amplitude * math.cos(f.phase)
+                amplitudes[i + 1, k] += factor * f.amplitude * math.sin(f.phase)
+            elif isinstance(f, Constant):
+                amplitudes[0, k] += factor * f.level
+            else:  # records are equal by their numbers, other functions only themselves
+                at = [x is f or (isinstance(x, Sampled) and x == f) for x in others].index(True)
+                amplitudes[self.size + at, k] += factor
+        return amplitudes
 
     @cached_property
     def edges(self) -> Array:
@@ -600,8 +508,17 @@ class Drive:
     def table(self) -> Array:
         """(edges, R, 4): coefficient k of s^k in every record at an edge + s, up to the next edge."""
         table = np.zeros((len(self.edges), len(self.records), 4))
-        for r, record in enumerate(self.records):
-            # Where a record has not begun, or has ended, it is not asked for.
-            at = np.clip(np.searchsorted(record.t, self.edges, side="right") - 1, 0, len(record.t) - 2)
-            table[:, r] = moved(record.pieces[at], self.edges - record.t[at])
+        for r, record in enumerate(self.records):  # where one has not begun, or has ended, it is not asked for
+            table[:, r] = record.taylor(self.edges)
         return table
+
+    def require_samples(self, t_end: float) -> None:
+        """Raise InputError unless all records have samples from 0 to ``t_end``."""
+        for record in self.records:
+            record.covers(0.0, t_end)
+
+    def require_closed_form(self, what: str) -> None:
+        """Raise InputError for functions other than Harmonic, Constant and Sampled; what: needs such ones."""
+        for function in self.called:
+            rule, remedy = f"be made of Harmonic, Constant and Sampled for {what}", "Sampled(t, values, 'cubic')"
+            raise InputError("time function", function, rule, f"sample it: {remedy}")

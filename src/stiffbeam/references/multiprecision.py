@@ -43,7 +43,7 @@ from ..model.contact import Stops
 from ..model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
 from ..model.semidiscretisation import bending_stencil, curvature_stencil
 from ..model.system import System
-from ..model.time_functions import Constant, Drive, Harmonic, leaves, parts
+from ..model.time_functions import Constant, Drive, Harmonic, parts
 from ..trajectory.records import last_before
 from ..trajectory.trajectory import Reference, SolverFailure
 from .exact.motion import NO_TIMES, Motion, Solver, fresh_after, pressed, require_short, switched_by_force
@@ -78,10 +78,9 @@ def solve(request: Request) -> Reference:
         raise InputError("digits", digits, f"be 'auto' or an integer from 20 to {MAX_DIGITS}", "auto decides by itself")
     for contact in system.contacts:
         contact.stops.require_compliant("multiprecision", "use the method exact, or a large one")
-    for part in leaves(*system.time_functions):
-        if not isinstance(part, (Harmonic, Constant)):
-            rule = "be made of Harmonic and Constant for multiprecision"
-            raise InputError("time function", part, rule, "use the method exact, and sample Python functions for it")
+    for function in system.drive.others:
+        rule = "be made of Harmonic and Constant for multiprecision"
+        raise InputError("time function", function, rule, "use the method exact, and sample Python functions for it")
     refuse(system, t_end)
     begun = clock()
     # Solve with more and more digits until two runs agree.
@@ -323,7 +322,7 @@ def exact_problem(system: System, drive: Drive) -> tuple[Any, Any, Any, Any, lis
     if beam is not None:
         mass, damping, stiffness, loads, of_beam = _beam(system, beam, drive)
         places = [_place(beam, stops, system.size, drive) for stops in beam.all_stops]
-        start = of_beam if system.origin and system.origin.starts(system) else start
+        start = of_beam if system.keeps("q0", "v0") else start
     else:
         mass, damping, stiffness = (_numbers(x) for x in (system.mass, system.damping, system.stiffness))
         places = [(_numbers(each.row), in_drive(drive, [([1], each.offset, 0)])[:, 0]) for each in system.contacts]
@@ -357,8 +356,7 @@ def in_drive(drive: Drive, terms: Iterable[Term], n: int = 1) -> Any:
 
 def _place(problem: BeamProblem, stops: Stops, M: int, drive: Drive) -> tuple[Any, Any]:
     """Row of stops on a beam by linear interpolation, and phi (1 - (x/L)^2) - m(t) in the drive coefficients."""
-    position = problem.length if stops.position is None else stops.position
-    share = number(position) / number(problem.length)
+    share = number(problem.place(stops)) / number(problem.length)
     offset = [([1 - share * share], problem.base, 0), ([-1], stops.motion, 0)]
     return _hat(share, M), in_drive(drive, offset)[:, 0]
 
@@ -431,7 +429,7 @@ class LinearFlow:
     """G of all regimes of ``system``, at the current precision. start: z (N, 1) at t = 0."""
 
     def __init__(self, system: System) -> None:
-        self.drive = Drive.of(system)
+        self.drive = system.drive
         mass, damping, stiffness, basis, self.contacts, q0, v0 = exact_problem(system, self.drive)
         self.n, self.N, inverse = system.size, 2 * system.size + self.drive.size, arb_mat(mass.tolist()).inv()
 

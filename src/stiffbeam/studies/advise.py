@@ -36,7 +36,6 @@ from ..measures.errors import tip_error
 from ..model.modes import decoupled_modes
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Drive
 from ..references import best_reference
 from ..schemes import Scheme
 from ..schemes.labels import label_of_run
@@ -271,7 +270,7 @@ class Search:
 
     def _coarsest(self, most: int) -> int:
         """Number of steps of the coarsest runs."""
-        drives = (2.0 * np.pi / rate for rate in Drive.of(self.system).frequencies)
+        drives = (2.0 * np.pi / rate for rate in self.system.drive.frequencies)
         period = min(scales(self.system, self.t_end).period, *drives, self.t_end)
         return min(most, max(4, int(np.ceil(PER_PERIOD * self.t_end / period * (1 - 1e-12)))))
 

@@ -36,7 +36,6 @@ from ..measures.errors import Order, first_impacts_end, observed_order
 from ..measures.report import Report, Reported, extremes
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import covered
 from ..references import best_reference, substitute
 from ..schemes import RIGID, SCHEMES, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, split_runs, user_source
@@ -139,7 +138,7 @@ class Study:
             remedy = "give it a base motion, a load or initial data"
             raise InputError("case", f"{case.name}, which starts at rest and which nothing drives", "move", remedy)
         if self.needs_motion or self.needs_stops:
-            covered(case.system().time_functions, case.t_end)
+            case.system().drive.require_samples(case.t_end)
 
 
 @dataclass(frozen=True, repr=False)

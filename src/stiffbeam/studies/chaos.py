@@ -13,7 +13,7 @@ exists for any pair.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,7 @@ from ..model.members import off_rigid_stops
 from ..model.modes import undamped_modes
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Constant, Drive, Harmonic, LoadFunction, Sampled, Superposition
+from ..model.time_functions import Harmonic, Sampled, Superposition
 from ..references.ensemble import reference_ensemble
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -182,7 +182,7 @@ def _keep_most(axis: Axes, values: Array) -> str:
 
 def _recorded(system: System) -> float:
     """The time at which the first of the system's samples ends, inf without any."""
-    return min((float(record.t[-1]) for record in Drive.of(system).records), default=np.inf)
+    return min((float(record.t[-1]) for record in system.drive.records), default=np.inf)
 
 
 def later(system: System, t: float, q: Array, v: Array) -> System:
@@ -191,16 +191,15 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
     Raises InputError for a function of time that cannot be moved.
     """
 
-    def shift(function: LoadFunction) -> LoadFunction:
+    system.drive.require_closed_form("a later start")
+
+    def shift(function: Any) -> Any:
         if isinstance(function, Harmonic):
             return replace(function, phase=(function.phase + function.frequency * t) % (2.0 * np.pi))
         if isinstance(function, Sampled):
             return replace(function, t=function.t - t)
         if isinstance(function, Superposition):
-            return Superposition.weighted((factor, shift(f)) for factor, f in function.terms)
-        if not isinstance(function, Constant):
-            rule = "be made of Harmonic, Constant and Sampled to be started later"
-            raise InputError("time function", function, rule, "sample it: Sampled(t, values, 'cubic')")
+            return Superposition(terms=[(factor, shift(f)) for factor, f in function.terms])
         return function
 
     return replace(
@@ -208,7 +207,7 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
         q0=q,
         v0=v,
         loads=tuple((vector, shift(function)) for vector, function in system.loads),
-        contacts=tuple(c if c.offset is None else replace(c, offset=shift(c.offset)) for c in system.contacts),
+        contacts=tuple(replace(c, offset=shift(c.offset)) for c in system.contacts),
     )
 
 

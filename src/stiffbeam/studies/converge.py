@@ -23,7 +23,6 @@ from ..measures.frequencies import smooth_motion, smooth_period
 from ..measures.report import DASH, energy_share
 from ..model.scales import scales
 from ..model.system import System
-from ..model.time_functions import Drive
 from ..references import takes
 from ..references.registry import ADAPTIVE, COMPARED, REFERENCES
 from ..trajectory.trajectory import Reference, Trajectory
@@ -257,7 +256,7 @@ def _left_out(
 ) -> str:
     """Reason that keeps a row out of its order, "" for none."""
     end = float(run.t[-1])
-    fastest_rate = max([*Drive.of(system).frequencies, 2.0 * np.pi / scales(system, case.t_end).period])
+    fastest_rate = max([*system.drive.frequencies, 2.0 * np.pi / scales(system, case.t_end).period])
     reasons = {
         "impacts differ": touches and matched_until(run, exact, end) < end,
         "error above 10 %": error > ASYMPTOTIC,

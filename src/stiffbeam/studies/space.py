@@ -162,7 +162,7 @@ def _response(case: Case, form: str) -> list[Row]:
     """The amplitude of u(1, t) per amplitude of the base in the steady motion."""
     system, drive = without_contact(case.system(form)), case.beam.base
     assert isinstance(drive, Harmonic)
-    y, _ = steady_state(system)
+    y = steady_state(system)
     sine, cosine = (y @ system.channels[system.tip_channel][0])[1:3]
     # u = sine sin(a t) + cosine cos(a t) = Im((sine + i cosine) e^{i a t}).
     ratio = complex(sine, cosine) / (drive.amplitude * np.exp(1j * drive.phase))

@@ -30,7 +30,7 @@ from ..model.members import paths_of, value_at, with_values
 from ..model.modes import modes
 from ..model.problem import PointLoad
 from ..model.system import System
-from ..model.time_functions import Drive, Harmonic, covered
+from ..model.time_functions import Harmonic
 from ..references import substitute
 from ..references.ensemble import reference_ensemble
 from ..references.exact.solution import refuse
@@ -88,7 +88,7 @@ class Sweep(Study):
         period = drive_period(nominal, parameter)
         once = period is None
         if once:
-            covered(nominal.time_functions, case.t_end)
+            nominal.drive.require_samples(case.t_end)
         if once and self.values is None:
             paths = sorted(paths_of(nominal), key=lambda path: "[" not in path)  # loads and contacts
             remedy = f"name it with its values, --parameter NAME --values 0.5:2:16, such as {', '.join(paths[:3])}"
@@ -339,7 +339,7 @@ def drive_period(system: System, parameter: str = "frequency") -> float | None:
 
     None where no drive has a period, or none of several is meant; or where a record drives the system.
     """
-    drive = Drive.of(system)
+    drive = system.drive
     if drive.records:
         return None
     if len(drive.frequencies) == 1:

@@ -15,7 +15,7 @@ from ..basics.validation import number
 from ..model.contact import Stops, channel_motion
 from ..model.modes import Modes
 from ..model.system import System
-from ..model.time_functions import evaluate, offset_values
+from ..model.time_functions import evaluate
 from .schema import IMPACT_FIELDS, LEDGER_FIELDS, frame_of
 
 if TYPE_CHECKING:
@@ -344,18 +344,19 @@ def _work_of_stops(
     for c, (contact, (u, rate)) in enumerate(zip(system.contacts, motions, strict=True)):
         stops = contact.stops
         if stops.rigid:
-            work -= forces[1:, c] * np.diff(offset_values(contact.offset, t))
+            work -= forces[1:, c] * np.diff(evaluate(contact.offset, t))
             taken -= 0.5 * impacts * np.diff(t) * forces[1:, c] * (rate[1:] + rate[:-1])
         # The whole work of a stop that neither moves nor damps is in its energy.
         if stops.rigid or (contact.offset is None and not stops.dissipative):
             continue
-        beyond, force = stops.dissipated(u, rate), stops.force(u, rate)
+        force = stops.force(u, rate)
+        beyond = force - stops.force(u, 0.0)
         # A force that jumps does not follow from the state: the node's counts where it is known.
         if stops.jumps:
             known = ~np.isnan(forces[:, c])
             beyond[known] += forces[known, c] - force[known]
             force[known] = forces[known, c]
-        work -= 0.5 * (force[1:] + force[:-1]) * np.diff(offset_values(contact.offset, t))
+        work -= 0.5 * (force[1:] + force[:-1]) * np.diff(evaluate(contact.offset, t))
         if stops.dissipative:
             dissipated, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
             taken -= dissipated

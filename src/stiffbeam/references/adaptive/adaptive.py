@@ -13,7 +13,6 @@ from ...basics.arrays import Array
 from ...basics.resources import OutOfTime, clock
 from ...basics.validation import InputError, positive
 from ...model.right_hand_side import RightHandSide
-from ...model.time_functions import in_closed_form
 from ...trajectory.records import ContactRecord, Impacts, Ledger, in_contact
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
@@ -71,7 +70,7 @@ def reference_from(
         "atol": "rtol/100 of every unknown's scale" if atol is None else atol,
         "intervals": len(intervals),
         **({"shortest_step_bound": min(bounds)} if bounds else {}),
-        **({} if in_closed_form(*system.time_functions) else {"functions_seen_every": max(bounds)}),
+        **({"functions_seen_every": max(bounds)} if system.drive.called else {}),
     }
     return Reference(
         t=t,

@@ -19,7 +19,6 @@ from ...basics.arrays import Array
 from ...basics.resources import once
 from ...basics.validation import InputError, require_jax_threads
 from ...model.right_hand_side import RightHandSide, numbers_of, rate_with_integrals
-from ...model.time_functions import require_closed_form
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, Request
 from .adaptive import reference_from
@@ -48,7 +47,7 @@ def solve(request: Request) -> Reference:
         import jax
 
     system, method = request.system, request.method
-    require_closed_form(system.time_functions, method)
+    system.drive.require_closed_form(method)
     kind = getattr(diffrax, REFERENCES[method].solver)
     if jax.config.values["jax_compilation_cache_dir"] is None:
         jax.config.update("jax_compilation_cache_dir", str(storage.directory() / "jax"))

@@ -31,16 +31,7 @@ from ...kernels.rhs import THROUGH
 from ...model.contact import chord
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
-from ...model.time_functions import (
-    Harmonic,
-    Sampled,
-    breakpoints_of,
-    covered,
-    evaluate,
-    in_closed_form,
-    leaves,
-    offset_values,
-)
+from ...model.time_functions import breakpoints_of, evaluate
 from ...trajectory.trajectory import SolverFailure
 from ..registry import Request
 
@@ -67,21 +58,18 @@ class Interval(NamedTuple):
 def smooth_intervals(request: Request) -> list[Interval]:
     """Cut [0, t_end] for the loads and contact offsets of the system."""
     system, t_end = request.system, request.t_end
-    covered(system.time_functions, t_end)
-    # Parts of all functions of time, each once: harmonics, records, and Python functions.
-    functions = {id(leaf): leaf for leaf in leaves(*system.time_functions)}.values()
-    records = [f for f in functions if isinstance(f, Sampled)]  # polynomials between their samples
-    cubic = any(f.kind == "cubic" for f in records)
+    drive = system.drive
+    drive.require_samples(t_end)
+    cubic = any(record.kind == "cubic" for record in drive.records)
     longest = math.inf if request.max_step is None else request.max_step
     # A harmonic load bounds the step too: error control sees a load at the steps only.
-    frequencies = [f.frequency for f in functions if isinstance(f, Harmonic) and f.amplitude]
-    longest = min([longest, *(PERIODS_PER_STEP * 2.0 * math.pi / w for w in frequencies)])
-    if not in_closed_form(*functions):
+    longest = min([longest, *(PERIODS_PER_STEP * 2.0 * math.pi / w for w in drive.frequencies)])
+    if drive.called:
         longest = min(longest, t_end / STEPS_OF_FUNCTIONS)
     if request.second:
         longest = SECOND_LOOK * min(longest, t_end / STEPS_OF_FUNCTIONS)
     # The cuts: breakpoints of the caller, samples of the records, breakpoints that a function states.
-    times = [np.asarray(request.breakpoints), breakpoints_of(*functions)]
+    times = [np.asarray(request.breakpoints), breakpoints_of(*drive.others)]
     # Cuts that are a few roundings apart would leave an interval of rounding length between them.
     cuts, least = [0.0], 64.0 * float(np.finfo(float).eps) * t_end
     for t in np.unique(np.concatenate(times)).tolist():
@@ -127,7 +115,7 @@ def scales_of(system: System, t_end: float) -> Scales:
         largest = float(np.max(np.abs(evaluate(function, t))))
         energy += 0.5 * largest * largest * float(vector @ compliance @ vector)
     for contact in system.contacts:
-        o, gives = offset_values(contact.offset, t), float(contact.row @ compliance @ contact.row)
+        o, gives = evaluate(contact.offset, t), float(contact.row @ compliance @ contact.row)
         moves.append(float(np.max(np.abs(o))))
         move = float(np.max(np.abs(o - o[0])))
         if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid

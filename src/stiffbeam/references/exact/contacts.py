@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...model.contact import channel_position
-from ...model.time_functions import offset_rate, offset_values
+from ...model.time_functions import evaluate
 from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import SolverFailure
 from .motion import EPS, REMEDY, Motion, pressed
@@ -135,7 +135,7 @@ def exact_ledger(solution: Motion, times: Array) -> Ledger:
     blows, speeds = solution.blows, np.zeros(len(solution.blows.t))
     for i in np.unique(blows.contact).tolist():
         here = blows.contact == i
-        speeds[here] = offset_rate(system.contacts[i].offset, blows.t[here])
+        speeds[here] = evaluate(system.contacts[i].offset, blows.t[here], 1)
     moved, struck = -blows.impulse * speeds, -0.5 * blows.impulse * (blows.before + blows.after)
     so_far = np.searchsorted(blows.t, times, side="right")
     given, stops = (x + np.concatenate([[0.0], np.cumsum(y)])[so_far] for x, y in ((given, moved), (stops, struck)))
@@ -257,7 +257,7 @@ def _beyond(solution: Motion, t: Array, kept: Array) -> float:
         u, between = (channel_position(contact.row, contact.offset, *x) for x in ((times, q), (t, q_between)))
         # Of positions, and of the times of events.
         row, moved = np.abs(contact.row), np.abs(q) + times[:, None] * np.abs(v)
-        rounding = ROUNDINGS * EPS * float(np.max(moved @ row + np.abs(offset_values(contact.offset, times))))
+        rounding = ROUNDINGS * EPS * float(np.max(moved @ row + np.abs(evaluate(contact.offset, times))))
         largest = max(float(np.max(np.abs(x))) for x in (u, between))
         size = max(largest, *(abs(g) for _, g in contact.stops.sides), 1e-300)
         beyond = float(np.max(np.abs(contact.stops.penetration(u)))) - rounding - float(kept @ row)

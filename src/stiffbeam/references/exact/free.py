@@ -18,8 +18,6 @@ from ...basics.validation import InputError
 from ...kernels.exact import Free
 from ...model.modes import decoupled_modes, undamped_modes
 from ...model.system import System
-from ...model.system_data import load_terms
-from ...model.time_functions import Drive
 
 RESONANCE = 0.03  # relative distance of w^2 and a drive below which the closed form of a mode cancels
 CRITICAL = 1e-4  # relative distance of d^2 from 4 w^2 below which a real pair cancels
@@ -36,16 +34,15 @@ def free_system(system: System) -> Free:
     Beside what the kernel takes it has the modes X (n, n), ``into`` (n, n) with eta = q @ into, and what the terms of
     the loads cancel of each other, ``cancelled`` (B, n), in nodes.
     """
-    basis, drive, m = undamped_modes(system), Drive.of(system), len(system.contacts)
+    basis, drive, m = undamped_modes(system), system.drive, len(system.contacts)
     w2, X = basis.omega**2, basis.shapes
     n = len(w2)
     decoupled = decoupled_modes(system)
     D = X.T @ system.damping @ X if decoupled is None else np.diag(decoupled.damping)
     coupling = 2 if decoupled is None else int(bool(np.any(D)))
     # Loads and offsets as rows of sin and cos of every frequency, constants as the frequency 0, and of the records.
-    nodal, moving = drive.amplitudes(system.loads, n), (c.offset for c in system.contacts)
-    loads = np.vstack([np.zeros((1, n)), nodal]) @ X
-    offsets = np.vstack([np.zeros((1, m)), drive.amplitudes(zip(np.eye(m), moving, strict=True), m)])
+    nodal, moving = system.load_amplitudes, drive.amplitudes([c.offset for c in system.contacts])
+    loads, offsets = np.vstack([np.zeros((1, n)), nodal]) @ X, np.vstack([np.zeros((1, m)), moving])
     waves = np.array([0.0, *drive.frequencies])
     rows = np.array([c.row for c in system.contacts]).reshape(m, n) @ X
     each = [c.stops for c in system.contacts]
@@ -61,7 +58,8 @@ def free_system(system: System) -> Free:
         rule, largest = "give modes that float64 can hold", float(np.max(shared["laws"][:, 0]))
         raise InputError("stops.stiffness", largest, rule, "use other units, or rigid stops with a restitution")
     # Beside the sum of the loads, the sizes of its terms.
-    sizes = sum((np.abs(drive.amplitudes([term], n)) for term in load_terms(system)), np.zeros_like(nodal))
+    terms = system.load_terms
+    sizes = np.abs(drive.amplitudes([f for _, f in terms])) @ np.abs([p for p, _ in terms] or np.zeros((0, n)))
     cancelled = np.vstack([np.zeros((1, n)), np.maximum(sizes - np.abs(nodal), 0.0)])
     shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
     shared |= {"X": X, "into": np.ascontiguousarray(system.mass @ X), "cancelled": cancelled}

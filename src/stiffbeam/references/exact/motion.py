@@ -25,7 +25,7 @@ from ...basics.validation import InputError
 from ...kernels.exact import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
 from ...model.contact import channel_motion
 from ...model.system import System
-from ...model.time_functions import evaluate, offset_rate, offset_values
+from ...model.time_functions import evaluate
 from ...trajectory.trajectory import SolverFailure
 from .free import closed_form, free_system, with_pressed
 
@@ -76,7 +76,7 @@ def on_stops(system: System) -> dict[int, int]:
     """The contacts on their rigid stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
     closed = {}
     for contact, each in enumerate(system.contacts):
-        moved = float(offset_values(each.offset, 0.0))
+        moved = float(evaluate(each.offset, 0.0))
         u = float(each.row @ system.q0) + moved
         # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
         whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))
@@ -105,7 +105,7 @@ class Solver:
         """The stops (m, 2) moved to the contacts that start on them, and ``off`` (m,) farther."""
         stops = stops.copy()
         for i, side in self.closed.items():
-            place = float(self.free.rows[i] @ eta + offset_values(self.system.contacts[i].offset, 0.0))
+            place = float(self.free.rows[i] @ eta + evaluate(self.system.contacts[i].offset, 0.0))
             stops[i, int(side > 0)] = place + side * off[i]
         return stops
 
@@ -350,11 +350,11 @@ class Motion:
             given += evaluate(function, t) * (rate @ (vector @ free.X))
         lost = np.sum(rate * (rate @ free.damping.T), axis=1) if free.coupling == 2 else rate**2 @ free.drag
         for i, contact in enumerate(self.system.contacts):
-            side, moves = self.sides[piece, i], offset_rate(contact.offset, t)
+            side, moves = self.sides[piece, i], evaluate(contact.offset, t, 1)
             if contact.stops.rigid:
                 given -= force[:, i] * moves
                 continue
-            u, speed = eta @ free.rows[i] + offset_values(contact.offset, t), rate @ free.rows[i] + moves
+            u, speed = eta @ free.rows[i] + evaluate(contact.offset, t), rate @ free.rows[i] + moves
             stop = np.where(side > 0, free.stops[i, 1], free.stops[i, 0])
             pull = free.laws[i, 0] * np.where(side != 0, u - stop, 0.0)
             drag, presses = free.laws[i, 1] * speed, np.abs(side) == 1

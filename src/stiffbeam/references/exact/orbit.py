@@ -19,7 +19,6 @@ from ...basics.resources import working
 from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
-from ...model.time_functions import Constant, Harmonic, leaves
 from ...trajectory.trajectory import Reference, SolverFailure
 from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
@@ -187,15 +186,15 @@ def require_periodic(system: System, period: float) -> None:
     """Raise InputError for loads that do not repeat after a period, and for stops without an exact solution."""
     require_system(system)
     period = positive("period", period)
-    for part in leaves(*system.time_functions):
-        if not isinstance(part, (Harmonic, Constant)):
-            rule = "be made of Harmonic and Constant for a periodic orbit"
-            raise InputError("time function", part, rule, "write it as a sum of harmonics")
-        if isinstance(part, Harmonic):
-            turns = period * float(part.frequency) / (2.0 * np.pi)
-            if abs(turns - round(turns)) > REPEATS * turns or round(turns) < 1:
-                rule = f"be a multiple of 2 pi/{part.frequency!r}, the period of a load"
-                raise InputError("period", period, rule, f"for example {2.0 * np.pi / part.frequency!r}")
+    drive = system.drive
+    for function in drive.others:
+        rule = "be made of Harmonic and Constant for a periodic orbit"
+        raise InputError("time function", function, rule, "write it as a sum of harmonics")
+    for frequency in drive.frequencies:
+        turns = period * float(frequency) / (2.0 * np.pi)
+        if abs(turns - round(turns)) > REPEATS * turns or round(turns) < 1:
+            rule = f"be a multiple of 2 pi/{frequency!r}, the period of a load"
+            raise InputError("period", period, rule, f"for example {2.0 * np.pi / frequency!r}")
     refuse(system, period, "")
 
 

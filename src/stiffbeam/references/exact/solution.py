@@ -16,7 +16,7 @@ from ...basics.arrays import Array
 from ...basics.resources import clock
 from ...basics.validation import InputError, positive
 from ...model.system import System
-from ...model.time_functions import Sampled, covered, leaves, require_closed_form
+from ...model.time_functions import Sampled, leaves
 from ...trajectory.records import as_it_starts
 from ...trajectory.trajectory import Reference, Work
 from ..registry import Request, output_times, provenance_of
@@ -120,8 +120,8 @@ def refuse(system: System, t_end: float, other: str = "use the solver cvode-adam
         elif any(x.degree < 2 for x in records):
             rule = "have a velocity at its samples, where it moves a rigid stop"
             raise InputError("contact.offset", contact.offset, rule, 'take samples of kind "cubic"')
-    covered(system.time_functions, t_end)
-    require_closed_form(system.time_functions, "the exact solution")
+    system.drive.require_samples(t_end)
+    system.drive.require_closed_form("the exact solution")
     if not system.rigid:
         return
     rows = np.array([contact.row for contact in system.contacts])

@@ -32,8 +32,8 @@ from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford
 from ...basics.validation import InputError
 from ...model.system import System
-from ...model.system_data import SystemData, data_of, load_terms, offset_terms
-from ...model.time_functions import Constant, Harmonic, Sampled, moved
+from ...model.system_data import SystemData, data_of, offset_terms
+from ...model.time_functions import Constant, Harmonic, Sampled
 from .free import free_system, pressed_modes
 from .motion import Motion, pressed
 
@@ -45,6 +45,16 @@ STEP = 1e-100  # of complex steps, whose square is nothing
 FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0])
 
 
+def moved(c: Array, s: Array) -> Array:
+    """The coefficients (..., P) of p(s + .) from those of p: Horner's scheme, as often as there are any to move."""
+    # On a copy: coefficient k collects s times the one above it, the last ones first.
+    c, last = np.array(c), np.shape(c)[-1] - 1
+    for first in range(last):
+        for k in range(last - 1, first - 1, -1):
+            c[..., k] += s * c[..., k + 1]
+    return c
+
+
 class Numbers:
     """The linear systems of a system with these ``data`` in modes, real or off by i STEP.
 
@@ -53,7 +63,7 @@ class Numbers:
 
     def __init__(self, system: System, data: SystemData) -> None:
         self.data, self.n, m = data, len(data.mass), len(data.rows)
-        loads, offsets = load_terms(system), offset_terms(system)
+        loads, offsets = system.load_terms, offset_terms(system)
         self.leaves = [leaf for _, leaf in loads] + [leaf for _, _, leaf in offsets]
         # Functions of time as states behind 1: f of a constant, f and f' of a harmonic, f to f''' of a record.
         widths = [1 if isinstance(x, Constant) else 2 if isinstance(x, Harmonic) else 4 for x in self.leaves]
