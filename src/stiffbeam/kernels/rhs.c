@@ -14,15 +14,15 @@ static void functions(double t, int order, double *g, const Equations *e)
     if (e->R) {
         /* Within the window. At its end the polynomial before it holds. */
         double inside = most(e->window[0], least(t, e->window[1])), before = nextafter(e->window[1], -INFINITY);
-        Int low = 0, high = e->edges - 1;
+        Int low = 0, high = e->N - 1;
         while (high - low > 1) {
             Int middle = (low + high) / 2;
-            if (e->edge[middle] <= least(inside, before))
+            if (e->edges[middle] <= least(inside, before))
                 low = middle;
             else
                 high = middle;
         }
-        double s = inside - e->edge[low];
+        double s = inside - e->edges[low];
         for (Int r = 0; r < e->R; r++) {
             const double *c = e->records + (low * e->R + r) * e->P;
             double value = 0.0;

@@ -20,10 +20,10 @@ typedef struct {
 #define THROUGH 2 /* the regime of a contact that follows its law; otherwise the side that presses, 0 where it is open */
 
 typedef struct {
-    Int n, m, size, d, F, R, P, edges, damped, viscous, inertia; /* the last two: whether D and E have entries */
+    Int n, m, size, d, F, R, P, N, damped, viscous, inertia; /* the last two: whether D and E have entries */
     Int first, stride; /* where SUNDIALS stores entry (i, j) of a Jacobian: first + i + j stride */
     Rows A, D, E;      /* (n, n); y^T D y is the viscous power; (size, size), or none for the identity */
-    const double *frequencies, *edge, *records; /* (F,), (edges,), (edges, R, P): polynomials from one edge on */
+    const double *frequencies, *edges, *records; /* (F,), (N,), (N, R, P): polynomials from one edge on */
     const double *loads, *power, *offsets;      /* (d, n), (d, n): the loads on the velocities, (d, m) */
     const double *pushes, *positions, *velocities, *accelerations; /* (m, n), the last one on E y' */
     const Law *law;

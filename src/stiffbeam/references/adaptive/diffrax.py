@@ -99,7 +99,7 @@ class Program:
         self._linear = all(law.p == 1.0 and law.lam == 0.0 for law in laws)
         self._modal: dict[bytes, Modal | None] = {}
         with float64_on_the_processor():
-            exponents, numbers = numbers_of(rhs.equations)
+            exponents, numbers = numbers_of(rhs)
             self._numbers, self._march = jax.device_put(numbers), _compiled(kind, exponents)
         with once():
             self(Span(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0))  # compiles

@@ -239,7 +239,7 @@ class Path:
         stops = [max(abs(g) for _, g in rhs.system.contacts[i].stops.sides) for i, _ in rhs.sides]
         contacts = [i for i, _ in rhs.sides]
         extents = np.concatenate([scales.lengths[contacts] + stops, scales.speeds[contacts]])
-        self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, rhs.roots - len(extents)))
+        self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, len(rhs.levels) - len(extents)))
         self.states, self.spans = list[Array](), [list[Span]() for _ in rhs.sides]
         self.counters, self.end = Counter(restarts=-1), 0.0
         rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH

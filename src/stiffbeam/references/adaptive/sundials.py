@@ -145,7 +145,7 @@ class Sundials:
         arguments = (INTEGER(ADAMS if method == "cvode-adams" else BDF),) if self.family == "CVode" else ()
         self._solver = self._made(f"{self.family}Create", *arguments, free=f"{self.family}Free")
         self._set("Init", first, DOUBLE(0.0), *self._vectors)
-        self._set("SetUserData", POINTER(rhs.equations.c))
+        self._set("SetUserData", ctypes.byref(rhs.c))
         self._set("SVtolerances", DOUBLE(rtol), tolerances)
         self._set("SetLinearSolver", linear, matrix)
         self._set("SetJacFn", jacobian)
