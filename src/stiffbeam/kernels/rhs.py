@@ -48,7 +48,7 @@ def equations(
         stride = first + bandwidths[0]
     flags = {"damped": damped, "viscous": len(matrices["D"]) > 0, "inertia": len(matrices["E"]) > 0}
     structure = EQUATIONS({**arrays, **sparse}, size=size, first=first, stride=stride, **flags)
-    structure.arrays = arrays, sparse  # which have to live as long
+    structure.sparse = sparse  # which has to live as long; ``arrays`` are the caller's
     return structure
 
 

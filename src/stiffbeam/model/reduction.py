@@ -103,7 +103,7 @@ def reduce_model(
     C = np.diag(2.0 * damping_ratios(modal_damping, len(squares)) * np.sqrt(squares))
     if damping is not None:  # without its rounding, so that what couples no modes couples none here
         D = _square("damping", damping)
-        reduced = uncoupled(D, T, T.T @ (D @ T), np.zeros(T.shape[1], bool))
+        reduced = uncoupled(D, T, M, K, squares == 0.0)
         C = C + (reduced if (D != D.T).nnz else 0.5 * (reduced + reduced.T))
     # Initial data by projection.
     changed: Any = {name: T.T @ (x if name == "observe" else M @ x) for name, x in vectors.items()}

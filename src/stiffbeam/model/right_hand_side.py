@@ -128,8 +128,7 @@ class RightHandSide:
         self.bandwidths = (lower, upper) if lower + upper + 1 < n // 3 else None
         inertia = scipy.linalg.block_diag(self.mass, np.eye(self.size - n)) if descriptor else np.zeros((0, 0))
         matrices = {"A": self.matrix, "D": self.viscous, "E": np.asarray(inertia)}
-        arrays = {name: x for name, x in vars(self).items() if isinstance(x, np.ndarray)}
-        self.c = equations(arrays, matrices, self.size, self.damped, self.bandwidths)
+        self.c = equations(vars(self), matrices, self.size, self.damped, self.bandwidths)
 
     def value(self, t: float, z: Array) -> Array:
         """f(t, z)."""
@@ -163,9 +162,8 @@ class RightHandSide:
             self.given[0, k] = result
             if moves:
                 self.given[1, k] = function.rate(inside)
-                self.given[2, k] = (
-                    function.acceleration(inside) if self.damped else 0.0
-                )  # the rate of a damped stop's force
+            if moves and self.damped:  # in the rate of a damped stop's force
+                self.given[2, k] = function.acceleration(inside)
 
     def pressing(self, t: float, z: Array, k: int) -> float:
         """|F| of side k in contact."""
