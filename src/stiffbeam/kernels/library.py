@@ -24,7 +24,7 @@ FUNCTIONS = {
     "march": "i ppp", "states": "v iiiiipppppp", "rigid_steps": "i p", "switch_time": "d dddddpd",
     "solve_node": "i ipppp", "contact_forces": "v ippppp",
     "exact_follow": "i ppdp", "exact_read": "i pppippppp", "exact_press": "i pppiipppp",
-    "state_rate": "v dppp", "right_hand_side": "v dppp", "event_functions": "v dppp", "jacobian": "v dpddpiiip",
+    "state_rate": "v dppp", "right_hand_side": "v dppp", "event_functions": "v dppp", "jacobian": "v dpddpiip",
 }  # fmt: skip
 
 

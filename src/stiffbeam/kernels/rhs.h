@@ -37,8 +37,8 @@ typedef struct {
 API void state_rate(double t, const double *y, double *out, const Equations *e);
 /* z' (size,). */
 API void right_hand_side(double t, const double *z, double *out, const Equations *e);
-/* J[first + i + j stride] = cj E_ij + sign df_i/dz_j, the rows of the integrals left zero; J (count,). */
-API void jacobian(double t, const double *z, double cj, double sign, double *J, Int count, Int first, Int stride,
+/* J[first + i + j stride] += cj E_ij + sign df_i/dz_j, the rows of the integrals left as they are. */
+API void jacobian(double t, const double *z, double cj, double sign, double *J, Int first, Int stride,
                   const Equations *e);
 /* u - g2 and g1 - u of every stop, > 0 in it, then their rates, less the levels. Of a damped stop, instead of its gap,
  * what is > 0 where it presses: the lesser of gap and force, as a length. With one among the stops a third row follows:

@@ -70,6 +70,6 @@ def evaluated(name: str, t: float, z: Array, results: int, structure: Any) -> Ar
 def jacobian(t: float, z: Array, structure: Any) -> Array:
     """df/dz, (size, size), the rows of the integrals zero."""
     N = structure.size
-    J = np.empty((N, N))
-    library().jacobian(t, address(z, (N,)), 0.0, 1.0, address(J, (N, N)), N * N, 0, N, structure)
+    J = np.zeros((N, N))
+    library().jacobian(t, address(z, (N,)), 0.0, 1.0, address(J, (N, N)), 0, N, structure)
     return J.T

@@ -9,7 +9,7 @@ import ctypes
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
@@ -199,28 +199,17 @@ class RightHandSide:
 # ---------------------------------------------------------------- in JAX, from the numbers that C reads
 
 
-class Numbers(NamedTuple):
-    """Arrays of ``RightHandSide`` for JAX.
-
-    All that is linear stands in one matrix, since JAX takes longer to start a small product than to compute it. Its
-    columns are the state, the functions of time and their rates; its rows are the state's rate, position, velocity and
-    offset's rate of every contact, and the powers of the loads.
-    """
-
-    linear: Any  # (n + 3 m + d, n + 2 d)
-    damping: Any  # (n, n), or no rows
-    frequencies: Any
-    edges: Any
-    records: Any  # (edges, R, P)
-    pushes: Any
-    law: Any
-    regime: Any
-    window: Any
+Numbers = dict[str, Any]  # arrays by their names in a RightHandSide
 
 
 def numbers_of(rhs: RightHandSide) -> tuple[tuple[float, ...], Numbers]:
     """Exponents of the contacts, constants of a compiled program, and numbers of a right-hand side, its regime and
-    window those of now. Functions of time have to be in closed form: JAX cannot trace others."""
+    window those of now. Functions of time have to be in closed form: JAX cannot trace others.
+
+    All that is ``linear`` stands in one matrix (n + 3 m + d, n + 2 d), since JAX takes longer to start a small product
+    than to compute it. Its columns are the state, the functions of time and their rates; its rows are the state's rate,
+    position, velocity and offset's rate of every contact, and the powers of the loads.
+    """
     (m, n), d = rhs.pushes.shape, len(rhs.loads)
     linear = np.zeros((n + 3 * m + d, n + 2 * d))
     rate, positions, velocities, offset_rates, power = np.split(linear, np.cumsum([n, m, m, m]))
@@ -228,29 +217,28 @@ def numbers_of(rhs: RightHandSide) -> tuple[tuple[float, ...], Numbers]:
     positions[:, :n], positions[:, n : n + d] = rhs.positions, rhs.offsets.T
     velocities[:, :n], velocities[:, n + d :] = rhs.velocities, rhs.offsets.T
     offset_rates[:, n + d :], power[:, :n] = rhs.offsets.T, rhs.power
-    arrays = (rhs.frequencies, rhs.edges, rhs.records, rhs.pushes, rhs.law)
-    return tuple(rhs.law[:, 3].tolist()), Numbers(linear, rhs.viscous, *arrays, rhs.regime.copy(), rhs.window.copy())
+    names = ("viscous", "frequencies", "edges", "records", "pushes", "law", "regime", "window")
+    return tuple(rhs.law[:, 3].tolist()), {"linear": linear} | {name: vars(rhs)[name].copy() for name in names}
 
 
 def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
     """1, sin w_1 t, cos w_1 t, ..., the records, (d,); and their rates."""
     import jax.numpy as jnp
 
-    w = numbers.frequencies
+    w, edges, records, window = (numbers[name] for name in ("frequencies", "edges", "records", "window"))
     # Sines and cosines in the order of ``Drive.coefficients``, with their rates.
     s, c = jnp.sin(w * t), jnp.cos(w * t)
     g, rate = jnp.stack([s, c], axis=1).ravel(), jnp.stack([w * c, -w * s], axis=1).ravel()
-    values = rates = jnp.zeros(numbers.records.shape[1])
-    if numbers.records.size:
-        edges = numbers.edges
-        inside = jnp.clip(t, numbers.window[0], numbers.window[1])
+    values = rates = jnp.zeros(records.shape[1])
+    if records.size:
+        inside = jnp.clip(t, window[0], window[1])
         # At the end of a window the polynomial before it holds.
-        before = jnp.minimum(inside, jnp.nextafter(numbers.window[1], -jnp.inf))
+        before = jnp.minimum(inside, jnp.nextafter(window[1], -jnp.inf))
         k = jnp.clip(jnp.searchsorted(edges, before, side="right") - 1, 0, len(edges) - 2)
         tau = inside - edges[k]
-        for j in range(numbers.records.shape[2] - 1, -1, -1):  # Horner's scheme
+        for j in range(records.shape[2] - 1, -1, -1):  # Horner's scheme
             rates = rates * tau + values
-            values = values * tau + numbers.records[k, :, j]
+            values = values * tau + records[k, :, j]
     return jnp.concatenate([jnp.ones(1), g, values]), jnp.concatenate([jnp.zeros(1), rate, rates])
 
 
@@ -275,19 +263,19 @@ def rate_with_integrals(exponents: tuple[float, ...], t: Any, z: Any, numbers: N
     """z' of ``RightHandSide``: y' with the rates of the ledger's integrals; of z only its first n entries count."""
     import jax.numpy as jnp
 
-    m, n = numbers.pushes.shape
+    m, n = numbers["pushes"].shape
     y, (g, g_rate) = z[:n], functions_of_time(t, numbers)
-    rows = numbers.linear @ jnp.concatenate([y, g, g_rate])
+    rows = numbers["linear"] @ jnp.concatenate([y, g, g_rate])
     rate, u, v, offset_rates, power = jnp.split(rows, np.cumsum([n, m, m, m]))
     given, absorbed, pushes = g @ power, 0.0, []
     for c, p in enumerate(exponents):
-        stop: Any = Law(*numbers.law[c])
-        force = contact_force(u[c], v[c], numbers.regime[c], stop._replace(p=p))  # p is a constant of the program
-        rate = rate + numbers.pushes[c] * force
+        stop: Any = Law(*numbers["law"][c])
+        force = contact_force(u[c], v[c], numbers["regime"][c], stop._replace(p=p))  # p is a constant of the program
+        rate = rate + numbers["pushes"][c] * force
         given = given - force * offset_rates[c]
         absorbed = absorbed - jnp.where(damps(stop), force * v[c], 0.0)
         pushes.append(-force)
-    viscous = y @ numbers.damping @ y if numbers.damping.shape[0] else 0.0 * given
+    viscous = y @ numbers["viscous"] @ y if len(numbers["viscous"]) else 0.0 * given
     return jnp.concatenate([rate, jnp.stack([given, viscous, *pushes, absorbed])])[: max(n, len(z))]
 
 

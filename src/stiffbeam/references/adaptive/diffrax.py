@@ -97,7 +97,7 @@ class Program:
         rhs, regime = self.rhs, self.rhs.regime.tobytes()
         if regime not in self._modal:
             self._modal[regime] = _modal(rhs)
-        numbers = self._numbers._replace(regime=rhs.regime.copy(), window=rhs.window.copy())
+        numbers = self._numbers | {"regime": rhs.regime.copy(), "window": rhs.window.copy()}
         ahead = np.full(CAPACITY, np.inf)
         ahead[: len(outputs)] = outputs
         with float64_on_the_processor():
