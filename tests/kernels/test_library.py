@@ -55,9 +55,10 @@ def test_a_library_has_the_name_of_its_sources(tmp_path, monkeypatch):
     assert compilation.library_path().name != name
 
 
-def test_an_installed_package_has_the_library_alone(tmp_path, monkeypatch):
+def test_an_installed_package_has_no_sources_but_headers(tmp_path, monkeypatch):
     monkeypatch.setattr(compilation, "FOLDER", tmp_path)
-    (tmp_path / "kernels-0123456789ab.so").touch()
+    for name in ("kernels-0123456789ab.so", "law.h"):
+        (tmp_path / name).touch()
     assert compilation.library_path() == tmp_path / "kernels-0123456789ab.so"
 
 

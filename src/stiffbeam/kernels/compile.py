@@ -28,14 +28,14 @@ CLONES = [f'-DHOT=__attribute__((target_clones("{target}","default")))' for targ
 
 
 def sources() -> list[Path]:
-    """C files and headers; none in an installed package, which has the library alone."""
+    """C files and headers; an installed package has the headers alone, for the structures that they declare."""
     return sorted([*FOLDER.glob("*.c"), *FOLDER.glob("*.h")])
 
 
 def library_path() -> Path:
     """The library of these sources. Its name has a digest of them, so that an older one is never loaded."""
     texts = sources()
-    if not texts:
+    if not any(text.suffix == ".c" for text in texts):
         return next(FOLDER.glob("kernels-*.so"), FOLDER / "kernels.so")
     digest = hashlib.sha256(" ".join([sysconfig.get_platform(), *FLAGS, *CLONES]).encode())
     for text in texts:

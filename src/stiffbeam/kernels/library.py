@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -11,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import Array
 from . import compile as compilation
 
 Int, Real, Address = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
@@ -46,52 +47,67 @@ def library() -> ctypes.CDLL:
 
 
 class Structure:
-    """A structure of C: integers, then numbers, then arrays, in the order of the header.
+    """A structure of C, as a header declares it with the shapes of its arrays, see SHAPE in law.h.
 
-    arrays: "name: shape", separated by semicolons, a shape in numbers and in names of sizes; "int" behind the name for
-    integers, "?" for an array that may be left out or have no entries, for which C gets NULL.
+    An array that may be left out or have no entries is NULL in C. parts: the structures within it, by type.
     """
 
-    def __init__(self, ints: str, reals: str, arrays: str) -> None:
-        self.names, self.arrays = [*ints.split(), *reals.split()], list[tuple[str, list[str], Any, bool]]()
-        for entry in arrays.split(";"):
-            left, shape = (side.split() for side in entry.split(":"))
-            self.arrays.append((left[0].rstrip("?"), shape, INTEGER if "int" in left else FLOAT, "?" in left[0]))
-        self.numbers = {size: int(size) for _, shape, *_ in self.arrays for size in shape if size.isdigit()}
-        fields = [(name, Int) for name in ints.split()] + [(name, Real) for name in reals.split()]
-        fields += [(name, Address) for name, *_ in self.arrays]
+    def __init__(self, header: str, name: str) -> None:
+        text = re.sub(r"/\*.*?\*/", "", (compilation.FOLDER / header).read_text(encoding="utf-8"), flags=re.DOTALL)
+        declared = re.findall(rf"typedef struct \w*\s*{{([^}}]*)}} {name};", text)[0]
+        fields, self.arrays = list[tuple[str, Any]](), list[tuple[str, list[str], Any, bool]]()
+        self.parts, scalars = dict[str, Structure](), dict[str, Any](Int=Int, double=Real)
+        for declaration in declared.split(";")[:-1]:  # const double *w2 SHAPE(n), ...
+            kind, names = re.sub(r"\b(const|struct) ", "", declaration).split(maxsplit=1)
+            for star, field, macro, shape in re.findall(r"(\*?)(\w+)(?: (SHAPE|OR_NULL)\((.*?)\))?", names):
+                if not star and kind not in scalars:
+                    self.parts[kind] = Structure(header, kind)
+                    scalars[kind] = self.parts[kind].type
+                fields.append((field, Address if star else scalars[kind]))
+                if shape:
+                    dtype = INTEGER if kind == "Int" else FLOAT
+                    self.arrays.append((field, shape.split(", "), dtype, macro == "OR_NULL"))
+        self.names = {field for field, _ in fields} - {field for field, *_ in self.arrays}
+        sizes = {size for _, shape, *_ in self.arrays for size in shape}
+        self.numbers = {size: int(size) for size in sizes if size.isdigit()}
+        # Sizes that are sums of products of others.
+        self.sums = {size: [x.split() for x in size.split(" + ")] for size in sizes if " " in size}
         own = {"_fields_": fields, "_as_parameter_": property(ctypes.addressof)}
         self.type = type("Structure", (ctypes.Structure,), own)
 
-    def zeros(self, **sizes: int) -> dict[str, Array]:
-        """All arrays, of these sizes."""
+    def _known(self, sizes: dict[str, Any]) -> dict[str, Any]:
+        """All sizes, from those of fields."""
         known = self.numbers | sizes
-        return {name: np.zeros([known[x] for x in shape], dtype) for name, shape, dtype, _ in self.arrays}
+        for size, terms in self.sums.items():
+            known[size] = sum(math.prod(int(x) if x.isdigit() else known.get(x, 0) for x in term) for term in terms)
+        return known
 
     def new(self, **sizes: int) -> Any:
         """The structure with ``arrays`` of its own of these sizes, zero."""
-        arrays = self.zeros(**sizes)
+        known = self._known(sizes)
+        arrays = {name: np.zeros([known[x] for x in shape], dtype) for name, shape, dtype, _ in self.arrays}
         structure = self(arrays, **sizes)
         structure.arrays = arrays
         return structure
 
-    def __call__(self, arrays: Mapping[str, Any], **numbers: float) -> Any:
+    def __call__(self, arrays: Mapping[str, Any], **numbers: Any) -> Any:
         """The structure. A size that is not among the ``numbers`` is that of the first array that has it; what neither
         gives is 0.
 
         Raises TypeError for arrays of other shapes. The caller keeps the arrays as long as it is used.
         """
-        known: dict[str, Any] = self.numbers | numbers
-        at = list[int | None]()
+        given = list[tuple[str, Any, list[str], Any]]()
         for name, shape, dtype, optional in self.arrays:
             x = arrays.get(name)
             if optional and (x is None or not x.size):
-                at.append(None)
                 continue
+            given.append((name, x, shape, dtype))
             for size, length in zip(shape, getattr(x, "shape", ()), strict=False):
-                known.setdefault(size, length)
-            at.append(address(x, tuple([known.get(size, -1) for size in shape]), dtype))
-        return self.type(*[known.get(name, 0) for name in self.names], *at)
+                if size not in self.sums:
+                    numbers.setdefault(size, length)
+        known = self._known(numbers)
+        at = {name: address(x, tuple([known.get(k, -1) for k in shape]), dtype) for name, x, shape, dtype in given}
+        return self.type(**at, **{name: known[name] for name in self.names if name in known})
 
 
 def address(x: Any, shape: tuple[int, ...], dtype: Any = FLOAT) -> int:

@@ -11,18 +11,10 @@ import scipy.sparse
 
 from ..basics.arrays import Array
 from .library import FLOAT, Real, Structure, address, library
-from .march import LAW
 
 THROUGH = 2  # regime of a contact that follows its law on both sides of its events
 
-EQUATIONS = Structure(
-    "n m size d F R P N damped viscous inertia first stride",
-    "",
-    "A_starts int: A_rows; A_columns? int: A; A_entries?: A; D_starts int: D_rows; D_columns? int: D; D_entries?: D; "
-    "E_starts int: E_rows; E_columns? int: E; E_entries?: E; frequencies: F; edges: N; records: N R P; "
-    "loads: d n; power: d n; offsets: d m; pushes: m n; positions: m n; velocities: m n; accelerations: m n; "
-    f"law: m {LAW}; lengths: m; levels: roots; regime int: m; window: 2; given: 3 called",
-)
+EQUATIONS = Structure("rhs.h", "Equations")
 
 
 def equations(
@@ -36,18 +28,19 @@ def equations(
 
     bandwidths: of a Jacobian of SUNDIALS, None for a full one.
     """
-    sparse = dict[str, Array]()
+    sparse = dict[str, dict[str, Array]]()
     for name, matrix in matrices.items():
         rows = scipy.sparse.csr_array(matrix)
-        sparse |= {f"{name}_starts": rows.indptr.astype(np.int64), f"{name}_columns": rows.indices.astype(np.int64)}
-        sparse[f"{name}_entries"] = rows.data
+        numbers = {"starts": rows.indptr.astype(np.int64), "columns": rows.indices.astype(np.int64)}
+        sparse[name] = numbers | {"entries": rows.data}
     # Entry (i, j) of a Jacobian at first + i + j stride: the storage of SUNDIALS.
     first, stride = 0, size
     if bandwidths is not None:
         first = min(size - 1, sum(bandwidths))  # upper bandwidth of the factors
         stride = first + bandwidths[0]
     flags = {"damped": damped, "viscous": len(matrices["D"]) > 0, "inertia": len(matrices["E"]) > 0}
-    structure = EQUATIONS({**arrays, **sparse}, size=size, first=first, stride=stride, **flags)
+    rows = {name: EQUATIONS.parts["Rows"](numbers) for name, numbers in sparse.items()}
+    structure = EQUATIONS(arrays, size=size, first=first, stride=stride, **flags, **rows)
     structure.sparse = sparse  # which has to live as long; ``arrays`` are the caller's
     return structure
 
