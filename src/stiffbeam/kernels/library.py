@@ -15,18 +15,16 @@ import numpy as np
 
 from . import compile as compilation
 
-Int, Real, Address = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+Address, SCALARS = ctypes.c_void_p, dict[str, Any](Int=ctypes.c_int64, double=ctypes.c_double, void=None)
 addressof, _buffer = ctypes.addressof, ctypes.c_char.from_buffer
 FLOAT, INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 
 
-# The result and the arguments of every function: i integer, d number, p address, v nothing.
-FUNCTIONS = {
-    "march": "i ppp", "states": "v iiiiipppppp", "rigid_steps": "i p", "switch_time": "d dddddpd",
-    "solve_node": "i ipppp", "contact_forces": "v ippppp",
-    "exact_follow": "i ppdp", "exact_read": "i pppippppp", "exact_press": "i pppiipppp",
-    "state_rate": "v dppp", "right_hand_side": "v dppp", "event_functions": "v dppp", "jacobian": "v dpddpiip",
-}  # fmt: skip
+@cache
+def declarations(header: str) -> str:
+    """A header of the kernels without its comments."""
+    text = (compilation.FOLDER / header).read_text(encoding="utf-8")
+    return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
 
 
 @cache
@@ -39,10 +37,12 @@ def library() -> ctypes.CDLL:
     path = Path(other) if other else compilation.library_path()
     if not other and not path.exists():
         compilation.build()
-    found, kinds = ctypes.CDLL(os.fspath(path)), {"i": Int, "d": Real, "p": Address, "v": None}
-    for name, signature in FUNCTIONS.items():
-        function, (result, arguments) = getattr(found, name), signature.split()
-        function.restype, function.argtypes = kinds[result], [kinds[x] for x in arguments]
+    found = ctypes.CDLL(os.fspath(path))
+    text = "".join(map(declarations, ("march.h", "rhs.h", "exact.h")))
+    for result, name, arguments in re.findall(r"^API (\w+) (\w+)\(([^)]*)\);", text, re.MULTILINE):
+        function, arguments = getattr(found, name), arguments.split(",")
+        function.restype = SCALARS[result]
+        function.argtypes = [Address if "*" in x else SCALARS[x.split()[0]] for x in arguments]
     return found
 
 
@@ -53,17 +53,15 @@ class Structure:
     """
 
     def __init__(self, header: str, name: str) -> None:
-        text = re.sub(r"/\*.*?\*/", "", (compilation.FOLDER / header).read_text(encoding="utf-8"), flags=re.DOTALL)
-        declared = re.findall(rf"typedef struct \w*\s*{{([^}}]*)}} {name};", text)[0]
+        declared = re.findall(rf"typedef struct \w*\s*{{([^}}]*)}} {name};", declarations(header))[0]
         fields, self.arrays = list[tuple[str, Any]](), list[tuple[str, list[str], Any, bool]]()
-        self.parts, scalars = dict[str, Structure](), dict[str, Any](Int=Int, double=Real)
+        self.parts = dict[str, Structure]()
         for declaration in declared.split(";")[:-1]:  # const double *w2 SHAPE(n), ...
             kind, names = re.sub(r"\b(const|struct) ", "", declaration).split(maxsplit=1)
             for star, field, macro, shape in re.findall(r"(\*?)(\w+)(?: (SHAPE|OR_NULL)\((.*?)\))?", names):
-                if not star and kind not in scalars:
+                if not star and kind not in {*SCALARS, *self.parts}:
                     self.parts[kind] = Structure(header, kind)
-                    scalars[kind] = self.parts[kind].type
-                fields.append((field, Address if star else scalars[kind]))
+                fields.append((field, Address if star else SCALARS.get(kind) or self.parts[kind].type))
                 if shape:
                     dtype = INTEGER if kind == "Int" else FLOAT
                     self.arrays.append((field, shape.split(", "), dtype, macro == "OR_NULL"))

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse
 
 from ..basics.arrays import Array
-from .library import FLOAT, Real, Structure, address, library
+from .library import FLOAT, Structure, address, library
 
 THROUGH = 2  # regime of a contact that follows its law on both sides of its events
 
@@ -54,7 +54,7 @@ def evaluated(name: str, t: float, z: Array, results: int, structure: Any) -> Ar
     """The ``results`` of a function of a time and a state."""
     if z.dtype != FLOAT or z.shape != (structure.size,):
         raise TypeError(f"{name} takes a float64 array of shape {(structure.size,)}, not {z.dtype} {z.shape}")
-    out = (Real * results)()
+    out = (ctypes.c_double * results)()
     # Solvers call this for each evaluation: ctypes takes bytes in a tenth of the time of an array's address.
     getattr(library(), name)(t, z.tobytes(), out, structure)
     return np.frombuffer(out)  # type: ignore[call-overload]
