@@ -326,33 +326,43 @@ def rounding_of_zero(terms: Array, n: int) -> Array:
 
 @np.errstate(over="ignore", invalid="ignore")  # refused by ``_within_float64``
 def uncoupled(damping: Any, X: Array, mass: Any, stiffness: Any, rigid: Array) -> Array:
-    """X^T C X (k, k) of a damping C in modes X (n, k) without the rounding of zero: entries beside the diagonal d, and
-    those of rigid motions (k,). Matrices are dense or sparse.
+    """X^T C X (k, k) of a damping C in modes X (n, k) without the rounding of zero: entries beside the diagonal, and
+    those of rigid motions (k,). Matrices are dense or sparse."""
+    projected, n = _within_float64("damping", X.T @ (damping @ X)), len(X)
+    terms = np.abs(X.T) @ (abs(damping) @ np.abs(X))
+    # By the statistics of rounding, sqrt(n). On the diagonal entries stay: of slow motions they can be that small.
+    off, rounding = np.abs(projected), SUMMED * EPS * np.sqrt(n) * terms
+    beside = ~(np.eye(len(off), dtype=bool) | rigid[:, None] | rigid)
+    if np.any((off > rounding)[beside]):
+        off, sums = _of_exact_modes(projected, X, mass, stiffness)
+        rounding = rounding + SUMMED * EPS * np.sqrt(n) * sums
+    # Those of rigid motions by the full bound, diagonal included.
+    of_rigid = (rigid[:, None] | rigid) & (np.abs(projected) <= rounding_of_zero(terms, n))
+    return np.where(beside & (off <= rounding) | of_rigid, 0.0, projected)
 
-    Modes are never exact: G = X^T M X and S = X^T K X have entries beside their diagonals. Of a damping that couples
-    no modes they make, to first order,
+
+def _of_exact_modes(projected: Array, X: Array, mass: Any, stiffness: Any) -> tuple[Array, Array]:
+    """Sizes of the entries of X^T C X beside its diagonal d without what inexact modes make of them; and of the terms
+    of C where it is a sum over modes: between two modes at the ends of a body these are larger than its entries.
+
+    G = X^T M X and S = X^T K X have entries beside their diagonals too. Damping that couples no modes then has, to
+    first order,
 
         d_i G_ij + (S_ij - s_i G_ij) (d_i - d_j)/(s_i - s_j)    C = M f(M^-1 K), proportional damping for example
         (d_i + d_j) G_ij                                        C = M X diag(d) X^T M, made of these modes
 
-    with the diagonal s of S. What either leaves is rounding, or couples.
+    with the diagonal s of S. The lesser remainder counts.
     """
-    weighted, n = mass @ X, len(X)
-    projected, G, S = _within_float64("damping", X.T @ (damping @ X)), X.T @ weighted, X.T @ (stiffness @ X)
+    weighted = mass @ X
+    G, S = X.T @ weighted, X.T @ (stiffness @ X)
     d, s = np.diag(projected)[:, None], np.diag(S)[:, None]
     apart = s - s.T
     slope = np.divide(d - d.T, apart, out=np.zeros_like(apart), where=apart != 0.0)
     off = np.fmin(np.abs(projected - d * G - slope * (S - s * G)), np.abs(projected - (d + d.T) * G))
-    # Rounding of the products, and of entries of C that are sums over modes: of two modes at the ends of a body these
-    # are larger than the entries. By the statistics of rounding, sqrt(n); rows scaled so that no square overflows.
-    terms = np.abs(X.T) @ (abs(damping) @ np.abs(X))
+    # Rows scaled by the masses, so that no square overflows.
     unit, most = np.sqrt(mass.diagonal())[:, None], np.max(np.abs(d)) or 1.0
     overlap = ((unit * X) ** 2).T @ (np.divide(weighted, unit, out=np.zeros_like(X), where=unit > 0.0) ** 2)
-    sums = most * np.sqrt((overlap * (d.T / most) ** 2) @ overlap.T)
-    zero = (off <= SUMMED * EPS * np.sqrt(n) * (terms + sums)) & ~np.eye(len(d), dtype=bool)
-    # Those of rigid motions by the full bound. On the diagonal others stay: of slow motions they can be that small.
-    of_rigid = np.abs(projected) <= rounding_of_zero(terms, n)
-    return np.where(np.where(rigid[:, None] | rigid, of_rigid, zero), 0.0, projected)
+    return off, most * np.sqrt((overlap * (d.T / most) ** 2) @ overlap.T)
 
 
 def congruence(A: Array, X: Array) -> Array:
