@@ -128,13 +128,10 @@ def test_a_creep_beside_a_strong_dashpot_has_its_own_digits(c):
 
 
 def test_damping_that_couples_none_is_found_to():
-    """alpha M + beta K of beams, of random matrices, of chains whose springs differ by ten decades and of a plate;
-    modal damping, of a free beam too, whose fastest modes are one at either end, and of a chain."""
+    """alpha M + beta K and modal damping of beams, of random matrices, of chains over ten decades and of a plate; of a
+    free beam, whose two fastest modes are one at either end."""
     rng = np.random.default_rng(4)
-    for cells in (49, 60, 150):
-        assert not modes(sb.semidiscretise(replace(FREE, modal_damping=0.02), cells, "hermite")).coupled
-    mass, stiffness = chain(rng, 90, 6.0)
-    assert not modes(system_of(mass, stiffness, sb.modal_damping(mass, stiffness, rng.uniform(0, 1, 90)))).coupled
+    assert not modes(sb.semidiscretise(replace(FREE, modal_damping=0.02), 60, "hermite")).coupled
     for form in ("displacement", "hermite"):
         for cells in (5, 60):
             assert not modes(sb.semidiscretise(replace(PROBLEM, viscosity=1e-3, mass_damping=0.5), cells, form)).coupled
@@ -146,6 +143,7 @@ def test_damping_that_couples_none_is_found_to():
             (X @ X.T + 0.01 * np.eye(n), Y @ Y.T), (np.diag(10.0 ** rng.uniform(-3.0, 3.0, n)), soft),
         ):  # fmt: skip
             assert not modes(system_of(M, K, alpha * M + beta * K)).coupled
+            assert not modes(system_of(M, K, sb.modal_damping(M, K, 0.02))).coupled
     # 20 x 15 unknowns: the first fit of the two factors was off by 31 eps, and the modes counted as coupled.
     along, across = (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1) for n in (20, 15))
     laplace = np.kron(np.eye(15), along) + np.kron(across, np.eye(20))
