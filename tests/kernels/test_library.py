@@ -84,7 +84,7 @@ def test_kernels_for_any_processor_keep_within_their_memory(tmp_path):
         found = subprocess.run([*command, "-print-file-name=libasan.so"], capture_output=True, text=True, check=False)
         if os.path.isabs(found.stdout.strip()):
             checked = {"LD_PRELOAD": found.stdout.strip(), "ASAN_OPTIONS": "detect_leaks=0"}  # Python itself leaks
-    library = compilation.build(tmp_path / "plain.so", clones=False, more=checks if checked else ())
+    library = compilation.build(tmp_path / "plain.so", ["-DHOT=", *(checks if checked else ())])
     environment = {**os.environ, "STIFFBEAM_KERNELS": str(library), **checked}
     options = ["-q", "-n", "0", "-p", "no:cacheprovider", *(str(TESTS / x) for x in CHOSEN)]
     command = [sys.executable, "-m", "pytest", *options]
