@@ -102,8 +102,8 @@ class Follower:
         """sides (m,): in the middle of a motion. fresh (m,): the stops at which gaps are zero."""
         self.free = free
         start = {"eta": np.array(eta, float), "rate": np.array(rate, float)}
-        self.arrays = _STATE.new(**free.size).arrays | start
-        self.state = _STATE(self.arrays, **free.size, t=t, together=together)
+        self.state = _STATE.new(start, **free.size, t=t, together=together)
+        self.arrays = self.state.arrays
         if sides is not None:
             self.arrays["side"][:], self.state.begun, self.state.since = sides, 2, 1 << 40
         if fresh is not None:
@@ -148,8 +148,9 @@ class Follower:
 
     def _part(self, t_end: float, stations: Array, room: int) -> tuple[Any, ...]:
         """One call: its result; marks, events and blows; the states at the stations passed."""
-        out = _OUTPUT.new(**self.free.size, room=room, n_stations=len(stations))
-        out.arrays["stations"][:] = stations
+        out = _OUTPUT.new(
+            {"stations": np.ascontiguousarray(stations, float)}, **self.free.size, room=room, n_stations=len(stations)
+        )
         result = filled(library().exact_follow(self.free.c, self.state, t_end, out))
         counts = {"mark_": out.marks, "event_": out.events, "blow_": out.blows}
         rows = ([x[:k].copy() for name, x in out.arrays.items() if name.startswith(y)] for y, k in counts.items())

@@ -80,19 +80,17 @@ class Structure:
             known[size] = sum(math.prod(int(x) if x.isdigit() else known.get(x, 0) for x in term) for term in terms)
         return known
 
-    def new(self, **sizes: int) -> Any:
-        """The structure with ``arrays`` of its own of these sizes, zero."""
-        known = self._known(sizes)
+    def new(self, given: Mapping[str, Any] | None = None, /, **numbers: Any) -> Any:
+        """The structure with arrays of these sizes, those that are not ``given`` zero."""
+        known = self._known(numbers)
         arrays = {name: np.zeros([known[x] for x in shape], dtype) for name, shape, dtype, _ in self.arrays}
-        structure = self(arrays, **sizes)
-        structure.arrays = arrays
-        return structure
+        return self(arrays | dict(given or {}), **numbers)
 
     def __call__(self, arrays: Mapping[str, Any], **numbers: Any) -> Any:
-        """The structure. A size that is not among the ``numbers`` is that of the first array that has it; what neither
-        gives is 0.
+        """The structure, which keeps its ``arrays``. A size that is not among the ``numbers`` is that of the first
+        array that has it; what neither gives is 0.
 
-        Raises TypeError for arrays of other shapes. The caller keeps the arrays as long as it is used.
+        Raises TypeError for arrays of other shapes.
         """
         given = list[tuple[str, Any, list[str], Any]]()
         for name, shape, dtype, optional in self.arrays:
@@ -105,7 +103,9 @@ class Structure:
                     numbers.setdefault(size, length)
         known = self._known(numbers)
         at = {name: address(x, tuple([known.get(k, -1) for k in shape]), dtype) for name, x, shape, dtype in given}
-        return self.type(**at, **{name: known[name] for name in self.names if name in known})
+        structure: Any = self.type(**at, **{name: known[name] for name in self.names if name in known})
+        structure.arrays = {name: x for name, x, *_ in given}
+        return structure
 
 
 def address(x: Any, shape: tuple[int, ...], dtype: Any = FLOAT) -> int:

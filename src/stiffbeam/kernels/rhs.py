@@ -18,30 +18,24 @@ EQUATIONS = Structure("rhs.h", "Equations")
 
 
 def equations(
-    arrays: Mapping[str, Any],
-    matrices: Mapping[str, Array],
-    size: int,
-    damped: bool,
-    bandwidths: tuple[int, int] | None,
+    arrays: Mapping[str, Any], matrices: Mapping[str, Array], size: int, bandwidths: Any, **flags: bool
 ) -> Any:
-    """The structure of rhs.h from its ``arrays`` and from the ``matrices`` A, D and E, the last two empty for none.
+    """The structure of rhs.h from its ``arrays``, from the ``matrices`` A, D and E, and from its ``flags``.
 
     bandwidths: of a Jacobian of SUNDIALS, None for a full one.
     """
-    sparse = dict[str, dict[str, Array]]()
+    rows = dict[str, Any]()
     for name, matrix in matrices.items():
-        rows = scipy.sparse.csr_array(matrix)
-        numbers = {"starts": rows.indptr.astype(np.int64), "columns": rows.indices.astype(np.int64)}
-        sparse[name] = numbers | {"entries": rows.data}
+        sparse = scipy.sparse.csr_array(matrix)
+        columns = {"starts": sparse.indptr.astype(np.int64), "columns": sparse.indices.astype(np.int64)}
+        rows[name] = EQUATIONS.parts["Rows"](columns | {"entries": sparse.data})
     # Entry (i, j) of a Jacobian at first + i + j stride: the storage of SUNDIALS.
     first, stride = 0, size
     if bandwidths is not None:
         first = min(size - 1, sum(bandwidths))  # upper bandwidth of the factors
         stride = first + bandwidths[0]
-    flags = {"damped": damped, "viscous": len(matrices["D"]) > 0, "inertia": len(matrices["E"]) > 0}
-    rows = {name: EQUATIONS.parts["Rows"](numbers) for name, numbers in sparse.items()}
     structure = EQUATIONS(arrays, size=size, first=first, stride=stride, **flags, **rows)
-    structure.sparse = sparse  # which has to live as long; ``arrays`` are the caller's
+    structure.rows = rows  # which keep their arrays
     return structure
 
 

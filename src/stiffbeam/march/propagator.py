@@ -87,10 +87,8 @@ def repeated(start: Array, levels: list[Array], steps: int) -> Array:
 
 class Forcing(NamedTuple):
     """Response of a block to the drive of harmonic and constant loads and offsets. effects: see march.h; c: the drive
-    for C, which holds as long as its arrays do."""
+    for C."""
 
-    frequencies: Array
-    rows: Array
     effects: Array
     c: Any
 
@@ -226,9 +224,8 @@ class Propagator:
         effects = aligned((C, K, padded(D + d) + self.entries.nodes))
         effects[..., :D], effects[..., D : D + d] = self.velocity, velocity.transpose(1, 2, 0)
         effects[..., padded(D + d) :][..., : self.nodes] = self.velocity_push
-        frequencies, rows = np.array(drive.frequencies), copied(rows)
-        c = DRIVE({"frequencies": frequencies, "rows": rows}, constant=constant, R=rows.shape[1] - D, D=D)
-        return Forcing(frequencies, rows, effects, c)
+        arrays = {"frequencies": np.array(drive.frequencies), "rows": copied(rows)}
+        return Forcing(effects, DRIVE(arrays, constant=constant, R=rows.shape[1] - D, D=D))
 
 
 def load_terms(system: System) -> list[Term]:

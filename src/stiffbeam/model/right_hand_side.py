@@ -128,7 +128,8 @@ class RightHandSide:
         self.bandwidths = (lower, upper) if lower + upper + 1 < n // 3 else None
         inertia = scipy.linalg.block_diag(self.mass, np.eye(self.size - n)) if descriptor else np.zeros((0, 0))
         matrices = {"A": self.matrix, "D": self.viscous, "E": np.asarray(inertia)}
-        self.c = equations(vars(self), matrices, self.size, self.damped, self.bandwidths)
+        flags = {"damped": self.damped, "viscous": system.damped, "inertia": descriptor}
+        self.c = equations(vars(self), matrices, self.size, self.bandwidths, **flags)
 
     def value(self, t: float, z: Array) -> Array:
         """f(t, z)."""
