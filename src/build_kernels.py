@@ -5,44 +5,27 @@ Only where the machine has no C compiler is one asked for, as a wheel (ziglang).
 
 from __future__ import annotations
 
-import importlib.util
-import shutil
 import sysconfig
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import compile as compilation  # by backend-path: without the package and what it imports
 from hatchling.build import *  # noqa: F403
 from hatchling.build import get_requires_for_build_editable as editable_requirements
 from hatchling.build import get_requires_for_build_wheel as wheel_requirements
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 SETTINGS = dict[str, Any] | None
-
-
-def _compiler() -> list[str]:
-    return [] if any(map(shutil.which, ("cc", "gcc", "clang"))) else ["ziglang==0.16.0"]
+COMPILER = [] if compilation.compiler() else ["ziglang==0.16.0"]
 
 
 def get_requires_for_build_wheel(config_settings: SETTINGS = None) -> list[str]:
     """Requirements of a wheel."""
-    return [*wheel_requirements(config_settings), *_compiler()]
+    return [*wheel_requirements(config_settings), *COMPILER]
 
 
 def get_requires_for_build_editable(config_settings: SETTINGS = None) -> list[str]:
     """Requirements of an editable installation."""
-    return [*editable_requirements(config_settings), *_compiler()]
-
-
-def _compilation(root: str) -> ModuleType:
-    """``stiffbeam.kernels.compile``, without the package and what it imports."""
-    path = Path(root) / "src" / "stiffbeam" / "kernels" / "compile.py"
-    spec = importlib.util.spec_from_file_location("compile_kernels", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return [*editable_requirements(config_settings), *COMPILER]
 
 
 class Kernels(BuildHookInterface[Any]):
@@ -50,7 +33,7 @@ class Kernels(BuildHookInterface[Any]):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """See hatchling: called before a wheel is put together."""
-        library = _compilation(self.root).build()
+        library = compilation.build()
         build_data["pure_python"] = False
         # No part of Python's API is used: one wheel for all its versions.
         build_data["tag"] = "py3-none-" + sysconfig.get_platform().replace("-", "_").replace(".", "_")

@@ -55,9 +55,10 @@ def test_a_library_has_the_name_of_its_sources(tmp_path, monkeypatch):
     assert compilation.library_path().name != name
 
 
-def test_an_installed_package_has_the_library_alone(tmp_path, monkeypatch):
+def test_an_installed_package_has_no_sources_but_headers(tmp_path, monkeypatch):
     monkeypatch.setattr(compilation, "FOLDER", tmp_path)
-    (tmp_path / "kernels-0123456789ab.so").touch()
+    for name in ("kernels-0123456789ab.so", "law.h"):
+        (tmp_path / name).touch()
     assert compilation.library_path() == tmp_path / "kernels-0123456789ab.so"
 
 
@@ -83,7 +84,7 @@ def test_kernels_for_any_processor_keep_within_their_memory(tmp_path):
         found = subprocess.run([*command, "-print-file-name=libasan.so"], capture_output=True, text=True, check=False)
         if os.path.isabs(found.stdout.strip()):
             checked = {"LD_PRELOAD": found.stdout.strip(), "ASAN_OPTIONS": "detect_leaks=0"}  # Python itself leaks
-    library = compilation.build(tmp_path / "plain.so", clones=False, more=checks if checked else ())
+    library = compilation.build(tmp_path / "plain.so", ["-DHOT=", *(checks if checked else ())])
     environment = {**os.environ, "STIFFBEAM_KERNELS": str(library), **checked}
     options = ["-q", "-n", "0", "-p", "no:cacheprovider", *(str(TESTS / x) for x in CHOSEN)]
     command = [sys.executable, "-m", "pytest", *options]

@@ -17,6 +17,7 @@ from stiffbeam.model.scales import scales
 EPS = float(np.finfo(float).eps)
 G = 9.81
 PROBLEM = sb.BeamProblem(stiffness=300.0)
+FREE = replace(PROBLEM, supports="free-free")
 
 
 def system_of(mass, stiffness, damping=None, loads=()):
@@ -75,8 +76,7 @@ def test_the_slow_frequencies_of_a_beam_have_the_digits_of_its_factor(form):
 
 @pytest.mark.parametrize("cells", [49, 50, 75])  # more than 100 unknowns: slow modes alone are refined
 def test_beams_that_nothing_holds_and_that_a_heavy_mass_ends(cells):
-    problem = sb.BeamProblem(stiffness=300.0, supports="free-free")
-    assert np.array_equal(modes(sb.semidiscretise(problem, cells, "hermite")).omega[:2], np.zeros(2))
+    assert np.array_equal(modes(sb.semidiscretise(FREE, cells, "hermite")).omega[:2], np.zeros(2))
     heavy = sb.semidiscretise(sb.BeamProblem(stiffness=300.0, tip_mass=1e16), cells, "hermite")
     matrices = replace(heavy, origin=None, observe=np.eye(heavy.size)[-2])
     # A massless cantilever under its tip: 3 EI/L^3 over the mass, whose rounding in the matrix is 1e-16.
@@ -128,8 +128,10 @@ def test_a_creep_beside_a_strong_dashpot_has_its_own_digits(c):
 
 
 def test_damping_that_couples_none_is_found_to():
-    """alpha M + beta K of beams, of random matrices, of chains whose springs differ by ten decades and of a plate."""
+    """alpha M + beta K and modal damping of beams, of random matrices, of chains over ten decades and of a plate; of a
+    free beam, whose two fastest modes are one at either end."""
     rng = np.random.default_rng(4)
+    assert not modes(sb.semidiscretise(replace(FREE, modal_damping=0.02), 60, "hermite")).coupled
     for form in ("displacement", "hermite"):
         for cells in (5, 60):
             assert not modes(sb.semidiscretise(replace(PROBLEM, viscosity=1e-3, mass_damping=0.5), cells, form)).coupled
@@ -141,6 +143,7 @@ def test_damping_that_couples_none_is_found_to():
             (X @ X.T + 0.01 * np.eye(n), Y @ Y.T), (np.diag(10.0 ** rng.uniform(-3.0, 3.0, n)), soft),
         ):  # fmt: skip
             assert not modes(system_of(M, K, alpha * M + beta * K)).coupled
+            assert not modes(system_of(M, K, sb.modal_damping(M, K, 0.02))).coupled
     # 20 x 15 unknowns: the first fit of the two factors was off by 31 eps, and the modes counted as coupled.
     along, across = (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1) for n in (20, 15))
     laplace = np.kron(np.eye(15), along) + np.kron(across, np.eye(20))

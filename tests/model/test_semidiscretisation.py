@@ -64,7 +64,7 @@ def test_the_displacement_stencils_are_the_papers():
     inside = [[4, -6, 4, -1, 0, 0], [-1, 4, -6, 4, -1, 0], [0, -1, 4, -6, 4, -1]]
     assert np.array_equal(H, [[-7, 4, -1, 0, 0, 0], *inside, [0, 0, -1, 4, -5, 2], [0, 0, 0, -2, 4, -2]])
     M, k2, d = 5, 300.0, 0.7  # (3.5)
-    equations = RightHandSide(*grids([M], viscosity=d, stops=sb.Stops(-0.1, 0.1, stiffness=1e3))).equations
+    equations = RightHandSide(*grids([M], viscosity=d, stops=sb.Stops(-0.1, 0.1, stiffness=1e3)))
     row = equations.matrix[2 * (M - 1) + 1]  # v_M''
     assert np.allclose(row[[2 * M - 6, 2 * M - 4, 2 * M - 2]], -k2 * M**4 * np.array([2, -4, 2]))
     assert np.allclose(row[[2 * M - 5, 2 * M - 3, 2 * M - 1]], -d * M**4 * np.array([2, -4, 2]))

@@ -28,14 +28,14 @@ CLONES = [f'-DHOT=__attribute__((target_clones("{target}","default")))' for targ
 
 
 def sources() -> list[Path]:
-    """C files and headers; none in an installed package, which has the library alone."""
+    """C files and headers; an installed package has the headers alone, for the structures that they declare."""
     return sorted([*FOLDER.glob("*.c"), *FOLDER.glob("*.h")])
 
 
 def library_path() -> Path:
     """The library of these sources. Its name has a digest of them, so that an older one is never loaded."""
     texts = sources()
-    if not texts:
+    if not any(text.suffix == ".c" for text in texts):
         return next(FOLDER.glob("kernels-*.so"), FOLDER / "kernels.so")
     digest = hashlib.sha256(" ".join([sysconfig.get_platform(), *FLAGS, *CLONES]).encode())
     for text in texts:
@@ -55,7 +55,7 @@ def compiler() -> list[str] | None:
     return zig if importlib.util.find_spec("ziglang") is not None else None
 
 
-def build(target: Path | None = None, clones: bool = True, more: Sequence[str] = ()) -> Path:
+def build(target: Path | None = None, more: Sequence[str] = ()) -> Path:
     """Compile the sources to ``target``, by default ``library_path()``. Raises ImportError where that is not possible.
 
     Two processes may build the same library: each writes a file of its own, which then takes the place of the target.
@@ -65,7 +65,7 @@ def build(target: Path | None = None, clones: bool = True, more: Sequence[str] =
     if command is None:
         raise ImportError("The kernels of stiffbeam need a C compiler: install gcc or clang, or `pip install ziglang`.")
     files = [str(x) for x in sources() if x.suffix == ".c"]
-    x86 = clones and platform.machine() in ("x86_64", "AMD64")
+    clones = CLONES if platform.machine() in ("x86_64", "AMD64") else []
     try:
         scratch = tempfile.TemporaryDirectory(dir=path.parent)
     except OSError as error:
@@ -73,8 +73,8 @@ def build(target: Path | None = None, clones: bool = True, more: Sequence[str] =
     with scratch as folder:
         made = os.path.join(folder, path.name)
         message = ""
-        for hot in [*([x] for x in CLONES if x86), []]:
-            whole = [*command, *FLAGS, *more, *hot, "-o", made, *files, "-lm"]
+        for hot in [*([x] for x in clones), []]:
+            whole = [*command, *FLAGS, *hot, *more, "-o", made, *files, "-lm"]
             done = subprocess.run(whole, capture_output=True, text=True)
             if done.returncode == 0:
                 break

@@ -21,29 +21,7 @@ TOGETHER = 16.0  # roundings of the time within which rigid stops are hit togeth
 FIRST_ROOM, LARGEST_ROOM = 256, 8192  # marks, events and blows of one call
 SHORT = 0.05  # CPU seconds of a call that is followed by a longer one: between two of them a deadline is looked at
 
-_Free = Structure(
-    "n m F R E N coupling kind damped up low",
-    "decay stiffest fastest_wave longest",
-    "w2: n; drag: n; damping: n n; rows: m n; stops: m 2; laws: m 3; meet: m m; loads: B n; offsets: B m; waves: F; "
-    "edges: E; pieces: E R 4; poles: 2 T; sorted: 3 T; answer: waves2 n; out?: 4 n N; back?: 2 N states; "
-    "seen?: 2 m N; order int: T; apart int: n; V?: n n",
-)
-_State = Structure(
-    "piece begun waits hit still since evaluations",
-    "t late leap fastest together",
-    "eta: n; rate: n; lost: 2 n; speed: m; size: m; slack: m; side int: m; fresh int: m; fresh_side int: m; "
-    "closed int: m",
-)
-_Output = Structure(
-    "room marks events blows n_stations station",
-    "",
-    "mark_t: room; mark_eta: room n; mark_rate: room n; mark_side int: room m; "
-    "event_t: room; event_contact int: room; event_side int: room; event_mark int: room; "
-    "blow_t: room; blow_impulse: room; blow_before: room; blow_after: room; blow_contact int: room; "
-    "blow_side int: room; blow_mark int: room; "
-    "stations: n_stations; eta_at: n_stations n; rate_at: n_stations n; force_at: n_stations m",
-)
-_Marks = Structure("count", "", "t: count; eta: count n; rate: count n; side int: count m")
+_FREE, _STATE, _OUTPUT, _MARKS = (Structure("exact.h", name) for name in ("Free", "State", "Output", "Marks"))
 
 
 class Free(SimpleNamespace):
@@ -56,15 +34,13 @@ class Free(SimpleNamespace):
     def __init__(self, up: Free | None = None, low: Free | None = None, V: Array | None = None, **stated: Any) -> None:
         super().__init__(**stated, up=up, low=low, V=V)
         self.stated = dict(vars(self))
-        F, p = len(self.waves), self.poles[:, self.order]
+        p = self.poles[:, self.order]
         self.drag = np.diag(self.damping).copy()
         self.sorted = np.ascontiguousarray(np.vstack([p, np.hypot(*p)[None]]))
-        T, B = self.poles.shape[1], 2 * F + self.pieces.shape[1]
-        self.c = _Free(
+        self.c = _FREE(
             vars(self), coupling=self.coupling, kind=self.kind, damped=bool(self.poles[0].any()), longest=self.longest,
             decay=np.max(np.sum(np.abs(self.damping), axis=1)), stiffest=np.max(self.w2),
-            fastest_wave=np.max(self.waves, initial=1e-300),
-            F=F, N=T - F, T=T, B=B, waves2=2 * F, states=2 * len(self.w2),
+            fastest_wave=np.max(self.waves, initial=1e-300), N=self.poles.shape[1] - len(self.waves),
             **{name: addressof(x.c) for name, x in (("up", up), ("low", low)) if x is not None},
         )  # fmt: skip
 
@@ -108,7 +84,7 @@ class Marks(NamedTuple):
 
     def argument(self, free: Free) -> Any:
         """The argument of the library."""
-        return _Marks(self._asdict(), **free.size)
+        return _MARKS(self._asdict(), **free.size)
 
 
 # Times, contacts, sides and marks behind; the side of a contact that an impact throws back is 9 times the stop.
@@ -125,8 +101,9 @@ class Follower:
     ) -> None:  # fmt: skip
         """sides (m,): in the middle of a motion. fresh (m,): the stops at which gaps are zero."""
         self.free = free
-        self.arrays = _State.zeros(**free.size) | {"eta": np.array(eta, float), "rate": np.array(rate, float)}
-        self.state = _State(self.arrays, **free.size, t=t, together=together)
+        start = {"eta": np.array(eta, float), "rate": np.array(rate, float)}
+        self.state = _STATE.new(start, **free.size, t=t, together=together)
+        self.arrays = self.state.arrays
         if sides is not None:
             self.arrays["side"][:], self.state.begun, self.state.since = sides, 2, 1 << 40
         if fresh is not None:
@@ -171,8 +148,9 @@ class Follower:
 
     def _part(self, t_end: float, stations: Array, room: int) -> tuple[Any, ...]:
         """One call: its result; marks, events and blows; the states at the stations passed."""
-        out = _Output.new(**self.free.size, room=room, n_stations=len(stations))
-        out.arrays["stations"][:] = stations
+        out = _OUTPUT.new(
+            {"stations": np.ascontiguousarray(stations, float)}, **self.free.size, room=room, n_stations=len(stations)
+        )
         result = filled(library().exact_follow(self.free.c, self.state, t_end, out))
         counts = {"mark_": out.marks, "event_": out.events, "blow_": out.blows}
         rows = ([x[:k].copy() for name, x in out.arrays.items() if name.startswith(y)] for y, k in counts.items())
@@ -187,7 +165,7 @@ def read(free: Free, marks: Marks, times: Array, mark: IntArray) -> States:
     if k and not (at[0] >= 0 and at[-1] < len(marks.t)):
         raise ValueError("mark: a number of a mark wanted")
     found = np.empty((k, n)), np.empty((k, n)), np.empty((k, m))
-    call = free.c, _State.new(**free.size), marks.argument(free), k, t.ctypes, at.ctypes, *(x.ctypes for x in found)
+    call = free.c, _STATE.new(**free.size), marks.argument(free), k, t.ctypes, at.ctypes, *(x.ctypes for x in found)
     filled(library().exact_read(*call))
     if np.array_equal(order, np.arange(k)):
         return found
@@ -203,5 +181,5 @@ def press(free: Free, marks: Marks, contact: int, starts: Array, ends: Array) ->
     a, b = np.ascontiguousarray(starts, float), np.ascontiguousarray(ends, float)
     peaks, impulses = found = np.empty((2, len(a)))
     spans = a.ctypes, address(b, a.shape), *(x.ctypes for x in found)
-    filled(library().exact_press(free.c, _State.new(**free.size), marks.argument(free), contact, len(a), *spans))
+    filled(library().exact_press(free.c, _STATE.new(**free.size), marks.argument(free), contact, len(a), *spans))
     return peaks, impulses

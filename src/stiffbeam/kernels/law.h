@@ -18,6 +18,11 @@
 
 typedef int64_t Int;
 
+/* The shape of an array, row by row, for library.py, which reads the structures in these headers: sizes are numbers,
+ * fields, and sums of products of these. OR_NULL: an array that may be left out. C has no use for them. */
+#define SHAPE(...)
+#define OR_NULL(...)
+
 /* A row of Python's array of laws: stiffness, lower and upper stop, exponent, dashpot, Hunt and Crossley's coefficient.
  */
 typedef struct {

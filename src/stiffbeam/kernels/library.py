@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -11,21 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from ..basics.arrays import Array
 from . import compile as compilation
 
-Int, Real, Address = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+Address, SCALARS = ctypes.c_void_p, dict[str, Any](Int=ctypes.c_int64, double=ctypes.c_double, void=None)
 addressof, _buffer = ctypes.addressof, ctypes.c_char.from_buffer
 FLOAT, INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 
 
-# The result and the arguments of every function: i integer, d number, p address, v nothing.
-FUNCTIONS = {
-    "march": "i ppp", "states": "v iiiiipppppp", "rigid_steps": "i p", "switch_time": "d dddddpd",
-    "solve_node": "i ipppp", "contact_forces": "v ippppp",
-    "exact_follow": "i ppdp", "exact_read": "i pppippppp", "exact_press": "i pppiipppp",
-    "state_rate": "v dppp", "right_hand_side": "v dppp", "event_functions": "v dppp", "jacobian": "v dpddpiiip",
-}  # fmt: skip
+@cache
+def declarations(header: str) -> str:
+    """A header of the kernels without its comments."""
+    text = (compilation.FOLDER / header).read_text(encoding="utf-8")
+    return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
 
 
 @cache
@@ -38,60 +37,75 @@ def library() -> ctypes.CDLL:
     path = Path(other) if other else compilation.library_path()
     if not other and not path.exists():
         compilation.build()
-    found, kinds = ctypes.CDLL(os.fspath(path)), {"i": Int, "d": Real, "p": Address, "v": None}
-    for name, signature in FUNCTIONS.items():
-        function, (result, arguments) = getattr(found, name), signature.split()
-        function.restype, function.argtypes = kinds[result], [kinds[x] for x in arguments]
+    found = ctypes.CDLL(os.fspath(path))
+    text = "".join(map(declarations, ("march.h", "rhs.h", "exact.h")))
+    for result, name, arguments in re.findall(r"^API (\w+) (\w+)\(([^)]*)\);", text, re.MULTILINE):
+        function, arguments = getattr(found, name), arguments.split(",")
+        function.restype = SCALARS[result]
+        function.argtypes = [Address if "*" in x else SCALARS[x.split()[0]] for x in arguments]
     return found
 
 
 class Structure:
-    """A structure of C: integers, then numbers, then arrays, in the order of the header.
+    """A structure of C, as a header declares it with the shapes of its arrays, see SHAPE in law.h.
 
-    arrays: "name: shape", separated by semicolons, a shape in numbers and in names of sizes; "int" behind the name for
-    integers, "?" for an array that may be left out or have no entries, for which C gets NULL.
+    An array that may be left out or have no entries is NULL in C. parts: the structures within it, by type.
     """
 
-    def __init__(self, ints: str, reals: str, arrays: str) -> None:
-        self.names, self.arrays = [*ints.split(), *reals.split()], list[tuple[str, list[str], Any, bool]]()
-        for entry in arrays.split(";"):
-            left, shape = (side.split() for side in entry.split(":"))
-            self.arrays.append((left[0].rstrip("?"), shape, INTEGER if "int" in left else FLOAT, "?" in left[0]))
-        self.numbers = {size: int(size) for _, shape, *_ in self.arrays for size in shape if size.isdigit()}
-        fields = [(name, Int) for name in ints.split()] + [(name, Real) for name in reals.split()]
-        fields += [(name, Address) for name, *_ in self.arrays]
+    def __init__(self, header: str, name: str) -> None:
+        declared = re.findall(rf"typedef struct \w*\s*{{([^}}]*)}} {name};", declarations(header))[0]
+        fields, self.arrays = list[tuple[str, Any]](), list[tuple[str, list[str], Any, bool]]()
+        self.parts = dict[str, Structure]()
+        for declaration in declared.split(";")[:-1]:  # const double *w2 SHAPE(n), ...
+            kind, names = re.sub(r"\b(const|struct) ", "", declaration).split(maxsplit=1)
+            for star, field, macro, shape in re.findall(r"(\*?)(\w+)(?: (SHAPE|OR_NULL)\((.*?)\))?", names):
+                if not star and kind not in {*SCALARS, *self.parts}:
+                    self.parts[kind] = Structure(header, kind)
+                fields.append((field, Address if star else SCALARS.get(kind) or self.parts[kind].type))
+                if shape:
+                    dtype = INTEGER if kind == "Int" else FLOAT
+                    self.arrays.append((field, shape.split(", "), dtype, macro == "OR_NULL"))
+        self.names = {field for field, _ in fields} - {field for field, *_ in self.arrays}
+        sizes = {size for _, shape, *_ in self.arrays for size in shape}
+        self.numbers = {size: int(size) for size in sizes if size.isdigit()}
+        # Sizes that are sums of products of others.
+        self.sums = {size: [x.split() for x in size.split(" + ")] for size in sizes if " " in size}
         own = {"_fields_": fields, "_as_parameter_": property(ctypes.addressof)}
         self.type = type("Structure", (ctypes.Structure,), own)
 
-    def zeros(self, **sizes: int) -> dict[str, Array]:
-        """All arrays, of these sizes."""
+    def _known(self, sizes: dict[str, Any]) -> dict[str, Any]:
+        """All sizes, from those of fields."""
         known = self.numbers | sizes
-        return {name: np.zeros([known[x] for x in shape], dtype) for name, shape, dtype, _ in self.arrays}
+        for size, terms in self.sums.items():
+            known[size] = sum(math.prod(int(x) if x.isdigit() else known.get(x, 0) for x in term) for term in terms)
+        return known
 
-    def new(self, **sizes: int) -> Any:
-        """The structure with ``arrays`` of its own of these sizes, zero."""
-        arrays = self.zeros(**sizes)
-        structure = self(arrays, **sizes)
-        structure.arrays = arrays
-        return structure
+    def new(self, given: Mapping[str, Any] | None = None, /, **numbers: Any) -> Any:
+        """The structure with arrays of these sizes, those that are not ``given`` zero."""
+        known = self._known(numbers)
+        arrays = {name: np.zeros([known[x] for x in shape], dtype) for name, shape, dtype, _ in self.arrays}
+        return self(arrays | dict(given or {}), **numbers)
 
-    def __call__(self, arrays: Mapping[str, Any], **numbers: float) -> Any:
-        """The structure. A size that is not among the ``numbers`` is that of the first array that has it; what neither
-        gives is 0.
+    def __call__(self, arrays: Mapping[str, Any], **numbers: Any) -> Any:
+        """The structure, which keeps its ``arrays``. A size that is not among the ``numbers`` is that of the first
+        array that has it; what neither gives is 0.
 
-        Raises TypeError for arrays of other shapes. The caller keeps the arrays as long as it is used.
+        Raises TypeError for arrays of other shapes.
         """
-        known: dict[str, Any] = self.numbers | numbers
-        at = list[int | None]()
+        given = list[tuple[str, Any, list[str], Any]]()
         for name, shape, dtype, optional in self.arrays:
             x = arrays.get(name)
             if optional and (x is None or not x.size):
-                at.append(None)
                 continue
+            given.append((name, x, shape, dtype))
             for size, length in zip(shape, getattr(x, "shape", ()), strict=False):
-                known.setdefault(size, length)
-            at.append(address(x, tuple([known.get(size, -1) for size in shape]), dtype))
-        return self.type(*[known.get(name, 0) for name in self.names], *at)
+                if size not in self.sums:
+                    numbers.setdefault(size, length)
+        known = self._known(numbers)
+        at = {name: address(x, tuple([known.get(k, -1) for k in shape]), dtype) for name, x, shape, dtype in given}
+        structure: Any = self.type(**at, **{name: known[name] for name in self.names if name in known})
+        structure.arrays = {name: x for name, x, *_ in given}
+        return structure
 
 
 def address(x: Any, shape: tuple[int, ...], dtype: Any = FLOAT) -> int:

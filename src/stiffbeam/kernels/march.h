@@ -22,20 +22,20 @@ typedef struct {
     Int R, D, N, a, n;           /* entries, state, forces (nodes rounded up to a multiple of 8), components, modes */
     Int C, K, nodes;             /* channels, steps, forces that there are: K times stages times contacts */
     Int rule, rated;             /* enum Rule; 1 where forces depend on velocities */
-    const double *reading;       /* (D, R) */
-    const double *transition;    /* (a, D): z_new[d] = sum_e transition[e][d] z[e n + d] */
-    const double *push;          /* (N, R + D): of a unit force on entries and new state */
-    const Int *end_first;        /* (C,) the entry that holds a channel at the end of the first step, */
-    const Int *end_stride;       /* (C,) and how many entries later the next one is */
-    const Int *rates;            /* (N,) the entry that holds the velocity at a node; NULL unless rated */
+    const double *reading SHAPE(D, R);
+    const double *transition SHAPE(a, D); /* z_new[d] = sum_e transition[e][d] z[e n + d] */
+    const double *push SHAPE(N, R + D);   /* of a unit force on entries and new state */
+    const Int *end_first SHAPE(C);        /* the entry that holds a channel at the end of the first step, */
+    const Int *end_stride SHAPE(C);       /* and how many entries later the next one is */
+    const Int *rates OR_NULL(N);          /* the entry that holds the velocity at a node; NULL unless rated */
 } Block;
 
 /* Response of a block to the drive g = (1, sin w1 t, cos w1 t, ..) at its start, d = 1 + 2 F numbers. */
 typedef struct {
     Int F;
     double constant;           /* 1, or 0 where nothing is constant in time */
-    const double *frequencies; /* (F,) */
-    const double *rows;        /* (d, R + D) */
+    const double *frequencies SHAPE(F);
+    const double *rows SHAPE(1 + 2 F, R + D);
 } Drive;
 
 /* `steps` steps from step `first`. Arrays without const are written or advanced in place. */
@@ -43,21 +43,21 @@ typedef struct {
     Int m, W, first, steps;   /* contacts, numbers of x, range of steps */
     Int every, outputs, room; /* an output every so many steps; rows of outputs, 0 for none; rows of events */
     double dt;
-    const Law *law;                /* (m,) */
-    const double *effects;         /* (C, K, W) of a block's x, see march.c, on the channels' velocities at the ends of steps */
-    const double *inflow;          /* (B, R + D) share of sampled loads and offsets in every block, or NULL */
-    const double *inflow_velocity; /* (B, C, K) or NULL */
-    double *z;                     /* (D + (a - 1) n,) */
-    double *position, *velocity;   /* (C,) at the last step */
-    double *tally;                 /* (m, TALLY) */
-    Int *diverged; /* (1,) the step that overflowed, minus that whose forces were not found, 0 for none */
-    double *times; /* (outputs,) or NULL */
-    double *positions, *velocities; /* (outputs, C) */
-    double *node_forces;            /* (outputs, m) of the nodes at the ends of steps, or NULL */
-    double *contact_forces;         /* (outputs, m) of linear stops, or NULL */
-    double *starts, *forces; /* (B, D + (a - 1) n), (B, N): for the energy balance, or NULL */
-    double *events;          /* (room, EVENT) list of impacts */
-    Int *cursor;             /* (2,): block, free row of events: where the next call goes on */
+    const Law *law SHAPE(m, 6);
+    const double *effects SHAPE(C, K, W); /* of a block's x, see march.c, on the channels' velocities at the ends of steps */
+    const double *inflow OR_NULL(B, R + D); /* share of sampled loads and offsets in every block */
+    const double *inflow_velocity OR_NULL(B, C, K);
+    double *z SHAPE(state);               /* D + (a - 1) n */
+    double *position SHAPE(C), *velocity SHAPE(C); /* at the last step */
+    double *tally SHAPE(m, 8);
+    Int *diverged SHAPE(1); /* the step that overflowed, minus that whose forces were not found, 0 for none */
+    double *times OR_NULL(outputs);
+    double *positions OR_NULL(outputs, C), *velocities OR_NULL(outputs, C);
+    double *node_forces OR_NULL(outputs, m);    /* of the nodes at the ends of steps */
+    double *contact_forces OR_NULL(outputs, m); /* of linear stops */
+    double *starts OR_NULL(B, state), *forces OR_NULL(B, N); /* for the energy balance */
+    double *events SHAPE(room, 6); /* list of impacts */
+    Int *cursor SHAPE(2);          /* block, free row of events: where the next call goes on */
 } Run;
 
 /* Columns of a contact's tally and of the list of impacts, see recorder.py. */
@@ -84,21 +84,21 @@ enum { AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED }; /* when a node can press; the
 /* K steps on states of D numbers, with S nodes and m contacts. */
 typedef struct {
     Int a, n, D, S, m, K;     /* a > 0: every mode steps by itself, D = a n */
-    const double *blocks;     /* (a, a, n), or NULL */
-    const double *matrix;     /* (D, D), or NULL */
-    const double *reading;    /* (S, m, D) argument of each node from the old state */
-    const double *predicting; /* (m, D) predicted positions */
-    const double *responses;  /* (S, m, D) of the new state to unit reactions */
-    const double *compliance; /* (S, S, m, m) [node of the reaction, node of the argument, reaction, argument] */
-    const Int *kinds;         /* (S,) */
-    const double *bounds;     /* (S, m, 2) where the stops stand in the arguments */
-    const double *stops;      /* (m, 2) in positions */
-    const double *driven;     /* (K, D) what loads add to the states, */
-    const double *shifts;     /* (K, S, m) and with offsets to the arguments, */
-    const double *predicted;  /* (K, m) and to predicted positions */
-    double *z;                /* (D,) */
-    double *path;             /* (K, D) states at the ends of the steps */
-    double *reactions;        /* (K, S, m) */
+    const double *blocks OR_NULL(a, a, n);
+    const double *matrix OR_NULL(D, D);
+    const double *reading SHAPE(S, m, D);       /* argument of each node from the old state */
+    const double *predicting SHAPE(m, D);       /* predicted positions */
+    const double *responses SHAPE(S, m, D);     /* of the new state to unit reactions */
+    const double *compliance SHAPE(S, S, m, m); /* [node of the reaction, node of the argument, reaction, argument] */
+    const Int *kinds SHAPE(S);
+    const double *bounds SHAPE(S, m, 2);        /* where the stops stand in the arguments */
+    const double *stops SHAPE(m, 2);            /* in positions */
+    const double *driven SHAPE(K, D);           /* what loads add to the states, */
+    const double *shifts SHAPE(K, S, m);        /* and with offsets to the arguments, */
+    const double *predicted SHAPE(K, m);        /* and to predicted positions */
+    double *z SHAPE(D);
+    double *path SHAPE(K, D);                   /* states at the ends of the steps */
+    double *reactions SHAPE(K, S, m);
 } Rigid;
 
 API Int rigid_steps(const Rigid *s);

@@ -18,28 +18,7 @@ LAW, TALLY, EVENT = 6, 8, 6  # numbers of a law, a tally and an impact
 OVERFLOW = 1e100  # A position beyond this ends the run. Its square, in an energy, is still a float64.
 AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED = range(3)  # when a node can press; the first in a position, else a velocity
 
-BLOCK = Structure(
-    "R D N a n C K nodes rule rated",
-    "",
-    "reading: D R; transition: a D; push: N width; end_first int: C; end_stride int: C; rates? int: N",
-)
-DRIVE = Structure("F", "constant", "frequencies: F; rows: d width")
-_RUN = Structure(
-    "m W first steps every outputs room",
-    "dt",
-    f"law: m {LAW}; effects: C K W; inflow?: blocks width; inflow_velocity?: blocks C K; z: state; "
-    f"position: C; velocity: C; tally: m {TALLY}; diverged int: 1; times?: outputs; positions?: outputs C; "
-    "velocities?: outputs C; "
-    "node_forces?: outputs m; contact_forces?: outputs m; starts?: blocks state; forces?: blocks N; "
-    f"events: room {EVENT}; cursor int: 2",
-)
-_RIGID = Structure(
-    "a n D S m K",
-    "",
-    "blocks?: a a n; matrix?: D D; reading: S m D; predicting: m D; responses: S m D; compliance: S S m m; "
-    "kinds int: S; bounds: S m 2; stops: m 2; driven: K D; shifts: K S m; predicted: K m; z: D; path: K D; "
-    "reactions: K S m",
-)
+BLOCK, DRIVE, _RUN, _RIGID = (Structure("march.h", name) for name in ("Block", "Drive", "Run", "Rigid"))
 
 
 def run(block: Any, drive: Any, arrays: Mapping[str, Array], first: int, steps: int, every: int, dt: float) -> bool:
@@ -54,8 +33,8 @@ def run(block: Any, drive: Any, arrays: Mapping[str, Array], first: int, steps: 
     if block.nodes % max(1, block.K * len(arrays["law"])):
         raise ValueError("contacts do not fit the block")
     x = _RUN(
-        arrays, first=first, steps=steps, every=every, dt=dt, blocks=-(-steps // block.K), C=block.C, K=block.K,
-        N=block.N, width=block.R + block.D, state=block.D + (block.a - 1) * block.n,
+        arrays, first=first, steps=steps, every=every, dt=dt, B=-(-steps // block.K), C=block.C, K=block.K,
+        N=block.N, R=block.R, D=block.D, state=block.D + (block.a - 1) * block.n,
         W=padded(block.D + 1 + 2 * drive.F) + block.N,
     )  # fmt: skip
     return bool(filled(library().march(block, drive, x)))

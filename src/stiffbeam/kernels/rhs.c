@@ -14,15 +14,15 @@ static void functions(double t, int order, double *g, const Equations *e)
     if (e->R) {
         /* Within the window. At its end the polynomial before it holds. */
         double inside = most(e->window[0], least(t, e->window[1])), before = nextafter(e->window[1], -INFINITY);
-        Int low = 0, high = e->edges - 1;
+        Int low = 0, high = e->N - 1;
         while (high - low > 1) {
             Int middle = (low + high) / 2;
-            if (e->edge[middle] <= least(inside, before))
+            if (e->edges[middle] <= least(inside, before))
                 low = middle;
             else
                 high = middle;
         }
-        double s = inside - e->edge[low];
+        double s = inside - e->edges[low];
         for (Int r = 0; r < e->R; r++) {
             const double *c = e->records + (low * e->R + r) * e->P;
             double value = 0.0;
@@ -104,12 +104,10 @@ static void add_sparse(const Rows *S, Int n, double factor, double *J, Int strid
         for (Int k = S->starts[i]; k < S->starts[i + 1]; k++) J[i + S->columns[k] * stride] += factor * S->entries[k];
 }
 
-void jacobian(double t, const double *z, double cj, double sign, double *J, Int count, Int first, Int stride,
-              const Equations *e)
+void jacobian(double t, const double *z, double cj, double sign, double *J, Int first, Int stride, const Equations *e)
 {
     Int n = e->n;
     double g[e->d], g_rate[e->d];
-    memset(J, 0, (size_t)count * sizeof(double));
     if (e->inertia) add_sparse(&e->E, e->size, cj, J + first, stride);
     add_sparse(&e->A, n, sign, J + first, stride);
     functions(t, 0, g, e), functions(t, 1, g_rate, e);
@@ -180,9 +178,8 @@ static double *numbers(void *structure, int word) { return (*(double ***)structu
 
 static int fill(double t, void *z, void *matrix, double cj, double sign, const Equations *e)
 {
-    int dense = e->stride == e->size;
-    Int count = e->size * (dense ? e->stride : e->stride + 1);
-    jacobian(t, numbers(z, VECTOR), cj, sign, numbers(matrix, dense ? DENSE : BAND), count, e->first, e->stride, e);
+    int word = e->stride == e->size ? DENSE : BAND;
+    jacobian(t, numbers(z, VECTOR), cj, sign, numbers(matrix, word), e->first, e->stride, e); /* of zeros as it comes */
     return 0;
 }
 

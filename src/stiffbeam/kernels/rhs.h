@@ -13,32 +13,34 @@
 
 /* Sparse rows: entries k of row i have starts[i] <= k < starts[i + 1]. */
 typedef struct {
-    const Int *starts, *columns;
-    const double *entries;
+    const Int *starts SHAPE(rows), *columns OR_NULL(count);
+    const double *entries OR_NULL(count);
 } Rows;
 
 #define THROUGH 2 /* the regime of a contact that follows its law; otherwise the side that presses, 0 where it is open */
 
 typedef struct {
-    Int n, m, size, d, F, R, P, edges, damped, viscous, inertia; /* the last two: whether D and E have entries */
+    Int n, m, size, d, F, R, P, N, damped, viscous, inertia; /* the last two: whether D and E have entries */
     Int first, stride; /* where SUNDIALS stores entry (i, j) of a Jacobian: first + i + j stride */
     Rows A, D, E;      /* (n, n); y^T D y is the viscous power; (size, size), or none for the identity */
-    const double *frequencies, *edge, *records; /* (F,), (edges,), (edges, R, P): polynomials from one edge on */
-    const double *loads, *power, *offsets;      /* (d, n), (d, n): the loads on the velocities, (d, m) */
-    const double *pushes, *positions, *velocities, *accelerations; /* (m, n), the last one on E y' */
-    const Law *law;
+    const double *frequencies SHAPE(F), *edges SHAPE(N), *records SHAPE(N, R, P); /* polynomials from one edge on */
+    const double *loads SHAPE(d, n), *power SHAPE(d, n), *offsets SHAPE(d, m); /* power: the loads on the velocities */
+    const double *pushes SHAPE(m, n), *positions SHAPE(m, n), *velocities SHAPE(m, n);
+    const double *accelerations SHAPE(m, n); /* on E y' */
+    const Law *law SHAPE(m, 6);
     /* What a solver sets from phase to phase. */
-    const double *lengths, *levels; /* (m,): of a contact's motion; what event functions count as zero */
-    const Int *regime;              /* (m,) */
-    const double *window, *given;   /* (2,): where records hold; (3, functions of the caller), with two derivatives */
+    const double *lengths SHAPE(m), *levels SHAPE(roots); /* of a contact's motion; what event functions count as zero */
+    const Int *regime SHAPE(m);
+    const double *window SHAPE(2);        /* where records hold */
+    const double *given SHAPE(3, called); /* functions of the caller, with two derivatives */
 } Equations;
 
 /* y' (n,), or E y' with a mass. */
 API void state_rate(double t, const double *y, double *out, const Equations *e);
 /* z' (size,). */
 API void right_hand_side(double t, const double *z, double *out, const Equations *e);
-/* J[first + i + j stride] = cj E_ij + sign df_i/dz_j, the rows of the integrals left zero; J (count,). */
-API void jacobian(double t, const double *z, double cj, double sign, double *J, Int count, Int first, Int stride,
+/* J[first + i + j stride] += cj E_ij + sign df_i/dz_j, the rows of the integrals left as they are. */
+API void jacobian(double t, const double *z, double cj, double sign, double *J, Int first, Int stride,
                   const Equations *e);
 /* u - g2 and g1 - u of every stop, > 0 in it, then their rates, less the levels. Of a damped stop, instead of its gap,
  * what is > 0 where it presses: the lesser of gap and force, as a length. With one among the stops a third row follows:

@@ -87,10 +87,8 @@ def repeated(start: Array, levels: list[Array], steps: int) -> Array:
 
 class Forcing(NamedTuple):
     """Response of a block to the drive of harmonic and constant loads and offsets. effects: see march.h; c: the drive
-    for C, which holds as long as its arrays do."""
+    for C."""
 
-    frequencies: Array
-    rows: Array
     effects: Array
     c: Any
 
@@ -134,8 +132,7 @@ class Propagator:
         self.velocity = flat[:, one.readers.end_rates].swapaxes(0, 1)  # (C, K, D)
         self.velocity_push = speeds[:m].transpose(4, 3, 2, 1, 0).reshape(C, K, nodes)
         self.c = BLOCK(
-            vars(self) | vars(entries), R=R, D=D, a=k, n=n, K=K, width=R + D, nodes=nodes, rule=rule,
-            rated=len(entries.rates) > 0,
+            vars(self) | vars(entries), R=R, D=D, a=k, n=n, K=K, nodes=nodes, rule=rule, rated=len(entries.rates) > 0
         )  # fmt: skip
         # Of unit loads, load by load and node by node: on entries and new state (L K S, R + D), on velocities.
         self.load_rows = pushed[m:].transpose(0, 2, 1, 3).reshape(-1, R + D)
@@ -228,9 +225,8 @@ class Propagator:
         effects = aligned((C, K, padded(D + d) + self.entries.nodes))
         effects[..., :D], effects[..., D : D + d] = self.velocity, velocity.transpose(1, 2, 0)
         effects[..., padded(D + d) :][..., : self.nodes] = self.velocity_push
-        frequencies, rows = np.array(drive.frequencies), copied(rows)
-        c = DRIVE({"frequencies": frequencies, "rows": rows}, constant=constant, d=d, width=rows.shape[1])
-        return Forcing(frequencies, rows, effects, c)
+        arrays = {"frequencies": np.array(drive.frequencies), "rows": copied(rows)}
+        return Forcing(effects, DRIVE(arrays, constant=constant, R=rows.shape[1] - D, D=D))
 
 
 def amplitudes_of(system: System) -> list[Array]:

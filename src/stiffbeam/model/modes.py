@@ -161,38 +161,15 @@ def undamped_modes(system: System) -> Modes:
 
 
 @_kept
-@np.errstate(over="ignore")  # refused by ``_within_float64``
 def decoupled_modes(system: System) -> Modes | None:
-    """The modes of ``system``, or None if damping couples them: by more than what rounding each entry of the matrices
-    would do, however small that is beside the damping of other modes."""
+    """The modes of ``system``, or None if damping couples them by more than rounding, see ``uncoupled``, however small
+    that is beside the damping of other modes."""
     basis = undamped_modes(system)
     if not system.damped:
         return basis
-    damping = _within_float64("damping", basis.shapes.T @ system.damping @ basis.shapes)
-    # Couplings below the rounding of the entries are none.
-    damping = uncoupled(system.damping, basis.shapes, damping, basis.omega == 0.0)
+    damping = uncoupled(system.damping, basis.shapes, system.mass, system.stiffness, basis.omega == 0.0)
     diagonal = np.diag(damping).copy()
-    if np.any(damping != np.diag(diagonal)) and not _proportional(system):
-        return None
-    return replace(basis, damping=diagonal)
-
-
-def _proportional(system: System) -> bool:
-    """Return True if the damping is alpha M + beta K to the rounding of every entry. This test is sharper than products
-    of shapes."""
-    C, on = system.damping, system.damping != 0.0
-    for parts in ([system.mass], [system.stiffness], [system.mass, system.stiffness]):
-        # Every entry relative to its size: entries of C may differ by orders of magnitude.
-        columns = np.stack([part[on] for part in parts], axis=1) / np.abs(C[on])[:, None]
-        size = np.linalg.norm(columns, axis=0)
-        columns, wanted, share = columns / np.where(size > 0.0, size, 1.0), np.sign(C[on]), np.zeros(len(parts))
-        # Twice: the second fit takes away the rounding of the first, 30 eps with 300 unknowns.
-        for _ in range(2):
-            share += np.linalg.lstsq(columns, wanted - columns @ share)[0]
-        terms = [x / (y or 1.0) * part for x, y, part in zip(share, size, parts, strict=True)]
-        if np.all(np.abs(C - sum(terms)) <= 16.0 * EPS * sum(np.abs(term) for term in terms)):
-            return True
-    return False
+    return None if np.any(damping != np.diag(diagonal)) else replace(basis, damping=diagonal)
 
 
 def _complex_modes(system: System) -> Modes:
@@ -347,14 +324,45 @@ def rounding_of_zero(terms: Array, n: int) -> Array:
     return 2.0 * EPS * max(n, 8) * terms
 
 
-def uncoupled(A: Any, X: Array, projected: Array, rigid: Array) -> Array:
-    """``projected`` = X^T A X (k, k) without the rounding of zero: entries beside the diagonal, and those of rigid
-    motions (k,). Those on the diagonal stay: of slow motions they can be that small. A: (n, n), dense or sparse."""
-    terms, n = np.abs(X.T) @ (abs(A) @ np.abs(X)), len(X)
-    # Between modes by the statistics of rounding, sqrt(n). Rigid motions by the full bound, diagonal included.
-    least = np.where(np.eye(len(projected), dtype=bool), 0.0, SUMMED * EPS * np.sqrt(n) * terms)
-    least = np.where(rigid[:, None] | rigid, rounding_of_zero(terms, n), least)
-    return np.where(np.abs(projected) <= least, 0.0, projected)
+@np.errstate(over="ignore", invalid="ignore")  # refused by ``_within_float64``
+def uncoupled(damping: Any, X: Array, mass: Any, stiffness: Any, rigid: Array) -> Array:
+    """X^T C X (k, k) of a damping C in modes X (n, k) without the rounding of zero: entries beside the diagonal, and
+    those of rigid motions (k,). Matrices are dense or sparse."""
+    projected, n = _within_float64("damping", X.T @ (damping @ X)), len(X)
+    terms = np.abs(X.T) @ (abs(damping) @ np.abs(X))
+    # By the statistics of rounding, sqrt(n). On the diagonal entries stay: of slow motions they can be that small.
+    off, rounding = np.abs(projected), SUMMED * EPS * np.sqrt(n) * terms
+    beside = ~(np.eye(len(off), dtype=bool) | rigid[:, None] | rigid)
+    if np.any((off > rounding)[beside]):
+        off, sums = _of_exact_modes(projected, X, mass, stiffness)
+        rounding = rounding + SUMMED * EPS * np.sqrt(n) * sums
+    # Those of rigid motions by the full bound, diagonal included.
+    of_rigid = (rigid[:, None] | rigid) & (np.abs(projected) <= rounding_of_zero(terms, n))
+    return np.where(beside & (off <= rounding) | of_rigid, 0.0, projected)
+
+
+def _of_exact_modes(projected: Array, X: Array, mass: Any, stiffness: Any) -> tuple[Array, Array]:
+    """Sizes of the entries of X^T C X beside its diagonal d without what inexact modes make of them; and of the terms
+    of C where it is a sum over modes: between two modes at the ends of a body these are larger than its entries.
+
+    G = X^T M X and S = X^T K X have entries beside their diagonals too. Damping that couples no modes then has, to
+    first order,
+
+        d_i G_ij + (S_ij - s_i G_ij) (d_i - d_j)/(s_i - s_j)    C = M f(M^-1 K), proportional damping for example
+        (d_i + d_j) G_ij                                        C = M X diag(d) X^T M, made of these modes
+
+    with the diagonal s of S. The lesser remainder counts.
+    """
+    weighted = mass @ X
+    G, S = X.T @ weighted, X.T @ (stiffness @ X)
+    d, s = np.diag(projected)[:, None], np.diag(S)[:, None]
+    apart = s - s.T
+    slope = np.divide(d - d.T, apart, out=np.zeros_like(apart), where=apart != 0.0)
+    off = np.fmin(np.abs(projected - d * G - slope * (S - s * G)), np.abs(projected - (d + d.T) * G))
+    # Rows scaled by the masses, so that no square overflows.
+    unit, most = np.sqrt(mass.diagonal())[:, None], np.max(np.abs(d)) or 1.0
+    overlap = ((unit * X) ** 2).T @ (np.divide(weighted, unit, out=np.zeros_like(X), where=unit > 0.0) ** 2)
+    return off, most * np.sqrt((overlap * (d.T / most) ** 2) @ overlap.T)
 
 
 def congruence(A: Array, X: Array) -> Array:

@@ -103,7 +103,7 @@ def reduce_model(
     C = np.diag(2.0 * damping_ratios(modal_damping, len(squares)) * np.sqrt(squares))
     if damping is not None:  # without its rounding, so that what couples no modes couples none here
         D = _square("damping", damping)
-        reduced = uncoupled(D, T, T.T @ (D @ T), np.zeros(T.shape[1], bool))
+        reduced = uncoupled(D, T, M, K, squares == 0.0)
         C = C + (reduced if (D != D.T).nnz else 0.5 * (reduced + reduced.T))
     # Initial data by projection.
     changed: Any = {name: T.T @ (x if name == "observe" else M @ x) for name, x in vectors.items()}
@@ -112,10 +112,11 @@ def reduce_model(
     matrices = np.eye(len(squares)), np.diag(squares), C
     system = System.from_matrices(*matrices, reduced_loads, reduced_contacts, **(data | changed))
     # Shares that T does not hold: of the norm of initial data, and of the strain energy of static deflections.
-    lost = max((_share(M, x - T @ changed[name], x) for name, x in vectors.items() if name != "observe"), default=0.0)
-    strain, held = np.sum(rows * statics, axis=0), np.sum((T.T @ rows) ** 2 / squares[:, None], axis=0)
-    shares = np.divide(held, strain, out=np.ones_like(strain), where=strain > 0.0)
-    soft = float(np.max(1.0 - shares, initial=0.0))
+    squared = [(changed[name] @ changed[name], x @ (M @ x)) for name, x in vectors.items() if name != "observe"]
+    strain = zip(np.sum((T.T @ rows) ** 2 / squares[:, None], axis=0), np.sum(rows * statics, axis=0), strict=True)
+    shares = ([1.0 - held / whole for held, whole in each if whole > 0.0] for each in (squared, strain))
+    lost, soft = (float(np.max(each, initial=0.0)) for each in shares)
+    lost = np.sqrt(lost)
     if max(lost, soft) > LOST:
         warnings.warn(f"{modes} modes lose {lost:.2g} of the initial data, {soft:.2g} of a deflection", stacklevel=2)
     return system, T
@@ -180,8 +181,3 @@ def _lowest(M: Any, K: Any, factor: Any, modes: int) -> Array:
         remedy = "ask for fewer, or use System.from_matrices where all unknowns have mass"
         raise InputError("modes", modes, f"be fewer than the rank of the mass matrix, {rank}", remedy)
     return shapes[:, -modes:] / np.sqrt(squares[-modes:])
-
-
-def _share(M: Any, part: Array, whole: Array) -> float:
-    size = float(whole @ (M @ whole))
-    return float(np.sqrt((part @ (M @ part)) / size)) if size else 0.0

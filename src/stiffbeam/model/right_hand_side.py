@@ -5,10 +5,11 @@ y' = A y + ..., contacts included, y = (q_1, q_1', ..., q_n, q_n'): the order of
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.text import several
 from ..basics.validation import InputError, one_of, require_jax_float64
-from ..kernels.rhs import THROUGH, Equations, function_address
+from ..kernels.rhs import THROUGH, equations, evaluated, function_address, jacobian
 from .beam import velocity_curvature_matrices
 from .contact import Law, channel_motion, channel_position, damps, laws, pressure
 from .time_functions import breakpoints_of, evaluate
@@ -78,68 +79,61 @@ class RightHandSide:
     integrate with the motion what nobody could add up from its outputs. The impulse has a sign, > 0 on the upper
     stop: -F is as smooth as the motion, |F| would have a kink of its own where a narrow gap is crossed. Where a
     stop damps there is one more, absorbed' = -sum_c F_c u_c' of those that do: stored and dissipated together, which is
-    as smooth as the motion too. ``equations`` are the numbers, which C reads. ``in_python`` is True where a function of
-    time is a bare callable, which Python calls once per evaluation, at times inside ``window`` only.
+    as smooth as the motion too. The arrays are those of ``kernels/rhs.h``, ``c`` the structure that C reads. A solver
+    writes to ``lengths``, ``levels``, ``regime`` and ``window``, the times at which functions of time may be asked.
+    ``in_python`` is True where one of these is a bare callable, which Python calls once per evaluation.
     """
 
     def __init__(self, system: System, descriptor: bool = False) -> None:
-        self.system, self.states = system, 2 * system.size
-        contacts, n = system.contacts, self.states
-        m = len(contacts)
-        self.damped = any(c.stops.dissipative for c in contacts)
+        contacts, n, m = system.contacts, 2 * system.size, len(system.contacts)
+        self.system, self.states, self.damped = system, n, any(c.stops.dissipative for c in contacts)
         self.size = n + 2 + m + self.damped
-        self.z0 = np.zeros(self.size)
-        self.z0[:n] = on_positions(system.q0) + on_velocities(system.v0)
+        self.z0 = np.pad(on_positions(system.q0) + on_velocities(system.v0), (0, self.size - n))
         stiffness, damping, divide = system.stiffness, system.damping, lambda x: x
-        mass = np.eye(n)
+        self.mass = np.eye(n)
         if descriptor:
-            mass[1::2, 1::2] = system.mass
+            self.mass[1::2, 1::2] = system.mass
         else:
             stiffness, damping, divide = over_mass(system)
-        self.mass, self._factor = mass, scipy.linalg.lu_factor(mass) if descriptor else None
-        matrix = first_order(stiffness, damping)
+        self.matrix = first_order(stiffness, damping)
+        self.viscous = np.zeros((n, n) if system.damped else (0, 0))
+        self.viscous[1::2, 1::2] = system.damping[: len(self.viscous) // 2, : len(self.viscous) // 2]
+        # Rows of the velocity and acceleration of every contact. With E on the left C has E y': they take E^-1 along.
         rows = np.array([c.row for c in contacts]).reshape(m, system.size)
-        pushes = on_velocities(np.array([divide(row) for row in rows]).reshape(rows.shape))
+        self.positions, self.velocities = on_positions(rows), on_velocities(rows)
+        self.pushes = on_velocities(np.array([divide(row) for row in rows]).reshape(rows.shape))
+        self.accelerations = self.velocities
+        self._factor = scipy.linalg.lu_factor(self.mass) if descriptor else None
+        if self._factor is not None:
+            solved = scipy.linalg.lu_solve(self._factor, self.velocities.T, trans=1)
+            self.accelerations = np.ascontiguousarray(solved.T)
         # Functions of time: amplitudes of those in closed form, then of those that Python has to call.
         drive = system.drive
-        nodal, offsets = system.load_amplitudes, drive.amplitudes([c.offset for c in contacts])
-        loads, power = on_velocities(divide(nodal.T).T), on_velocities(nodal)
-        of_offsets = np.any(offsets[len(offsets) - len(drive.called) :], axis=1)
-        self._called: list[Any] = [
-            (f, getattr(f, "value", f), x) for f, x in zip(drive.called, of_offsets, strict=True)
-        ]
-        # Rows of the velocity and acceleration of every contact. With E on the left C has E y': they take E^-1 along.
-        positions, velocities = on_positions(rows), on_velocities(rows)
-        accelerations, inertia = velocities, None
-        if self._factor is not None:
-            accelerations = scipy.linalg.lu_solve(self._factor, velocities.T, trans=1).T
-            inertia = np.asarray(scipy.linalg.block_diag(mass, np.eye(self.size - n)))
-        viscous = np.zeros((n if system.damped else 0, n))
-        viscous[1::2, 1::2] = system.damping[: len(viscous) // 2]
-        # Where df/dz has entries, and E.
-        pattern = (matrix != 0.0) | (mass != 0.0)
-        for push, contact, position, velocity in zip(pushes, contacts, positions, velocities, strict=True):
-            felt = position + velocity if contact.stops.dissipative else position
-            pattern |= np.outer(push != 0.0, felt != 0.0)
+        self.frequencies, self.edges, self.records = np.array(drive.frequencies), drive.edges, drive.table
+        nodal, self.offsets = system.load_amplitudes, drive.amplitudes([c.offset for c in contacts])
+        self.loads, self.power = on_velocities(divide(nodal.T).T), on_velocities(nodal)
+        called = drive.called
+        of_offsets = np.any(self.offsets[len(self.offsets) - len(called) :], axis=1)
+        self._called: list[Any] = [(f, getattr(f, "value", f), x) for f, x in zip(called, of_offsets, strict=True)]
+        self.in_python, self.given = bool(called), np.zeros((3, len(called)))
+        # (contact, +1 upper or -1 lower) of every gap, and what a solver sets.
+        self.law, self.sides = laws(contacts), [(i, side) for i, c in enumerate(contacts) for side, _ in c.stops.sides]
+        self.lengths, self.levels = np.ones(m), np.zeros((3 if self.damped else 2) * len(self.sides))
+        self.regime, self.window = np.full(m, THROUGH, np.int64), np.array([-np.inf, np.inf])
+        # Lower and upper bandwidth of E and df/dz, None where a band does not pay.
+        felt = self.positions + self.velocities
+        pattern = (self.matrix != 0.0) | (self.mass != 0.0) | ((self.pushes != 0.0).T @ (felt != 0.0))
         lower, upper = scipy.linalg.bandwidth(pattern)
-        self.equations = Equations(
-            size=self.size, damped=self.damped, matrix=matrix, inertia=inertia, damping=viscous, loads=loads,
-            power=power, frequencies=np.array(drive.frequencies), edges=drive.edges, records=drive.table,
-            called=len(drive.called), offsets=offsets, pushes=pushes, positions=positions, velocities=velocities,
-            accelerations=accelerations, law=laws(contacts),
-            bandwidths=(lower, upper) if lower + upper + 1 < n // 3 else None,
-        )  # fmt: skip
-        self.regime, self.lengths, self.levels = self.equations.regime, self.equations.lengths, self.equations.levels
-        self.window = self.equations.window  # (2,): the times at which functions of time may be asked
-        self.in_python, self.roots = bool(drive.called), len(self.levels)
-        self.bandwidths = self.equations.bandwidths  # lower and upper of E and df/dz, None where a band does not pay
-        # (contact, +1 upper or -1 lower) of every gap.
-        self.sides = [(i, side) for i, c in enumerate(contacts) for side, _ in c.stops.sides]
+        self.bandwidths = (lower, upper) if lower + upper + 1 < n // 3 else None
+        inertia = scipy.linalg.block_diag(self.mass, np.eye(self.size - n)) if descriptor else np.zeros((0, 0))
+        matrices = {"A": self.matrix, "D": self.viscous, "E": np.asarray(inertia)}
+        flags = {"damped": self.damped, "viscous": system.damped, "inertia": descriptor}
+        self.c = equations(vars(self), matrices, self.size, self.bandwidths, **flags)
 
     def value(self, t: float, z: Array) -> Array:
         """f(t, z)."""
         self.ask(t)
-        return self.equations.right_hand_side(t, z)
+        return evaluated("right_hand_side", t, z, self.size, self.c)
 
     def rate(self, t: float, z: Array) -> Array:
         """z', which is f(t, z) where no mass is given."""
@@ -148,28 +142,28 @@ class RightHandSide:
             out[: self.states] = scipy.linalg.lu_solve(self._factor, out[: self.states])
         return out
 
-    def jacobian(self, t: float, z: Array, cj: float = 0.0, sign: float = 1.0) -> Array:
-        """cj E + sign df/dz, (size, size), without the rows of the integrals: they act on nothing."""
+    def jacobian(self, t: float, z: Array) -> Array:
+        """df/dz, (size, size), without the rows of the integrals: they act on nothing."""
         self.ask(t)
-        return self.equations.jacobian(t, z, cj, sign)
+        return jacobian(t, z, self.c)
 
     def event_functions(self, t: float, z: Array) -> Array:
         """The event functions less their ``levels``, (roots,), see ``kernels/rhs.h``."""
         self.ask(t)
-        return self.equations.event_functions(t, z)
+        return evaluated("event_functions", t, z, len(self.levels), self.c)
 
     def ask(self, t: float) -> None:
         """Call the functions of time that are not in closed form, for C to read."""
-        given = self.equations.given
         for k, (function, value, moves) in enumerate(self._called):
             inside = self._inside(t)
             result = value(np.asarray(inside))
             if np.iscomplexobj(result) or not math.isfinite(result):
                 result = evaluate(function, inside)  # which says what is wrong
-            given[0, k] = result
+            self.given[0, k] = result
             if moves:
-                given[1, k] = function.rate(inside)
-                given[2, k] = function.acceleration(inside) if self.damped else 0.0  # the rate of a damped stop's force
+                self.given[1, k] = function.rate(inside)
+            if moves and self.damped:  # in the rate of a damped stop's force
+                self.given[2, k] = function.acceleration(inside)
 
     def pressing(self, t: float, z: Array, k: int) -> float:
         """|F| of side k in contact."""
@@ -205,58 +199,46 @@ class RightHandSide:
 # ---------------------------------------------------------------- in JAX, from the numbers that C reads
 
 
-class Numbers(NamedTuple):
-    """Arrays of ``Equations`` for JAX.
-
-    All that is linear stands in one matrix, since JAX takes longer to start a small product than to compute it. Its
-    columns are the state, the functions of time and their rates; its rows are the state's rate, position, velocity and
-    offset's rate of every contact, and the powers of the loads.
-    """
-
-    linear: Any  # (n + 3 m + d, n + 2 d)
-    damping: Any  # (n, n), or no rows
-    frequencies: Any
-    edges: Any
-    records: Any  # (edges, R, P)
-    pushes: Any
-    law: Any
-    regime: Any
-    window: Any
+Numbers = dict[str, Any]  # arrays by their names in a RightHandSide
 
 
-def numbers_of(e: Equations) -> tuple[tuple[float, ...], Numbers]:
+def numbers_of(rhs: RightHandSide) -> tuple[tuple[float, ...], Numbers]:
     """Exponents of the contacts, constants of a compiled program, and numbers of a right-hand side, its regime and
-    window those of now. Functions of time have to be in closed form: JAX cannot trace others."""
-    (m, n), d = e.pushes.shape, len(e.loads)
+    window those of now. Functions of time have to be in closed form: JAX cannot trace others.
+
+    All that is ``linear`` stands in one matrix (n + 3 m + d, n + 2 d), since JAX takes longer to start a small product
+    than to compute it. Its columns are the state, the functions of time and their rates; its rows are the state's rate,
+    position, velocity and offset's rate of every contact, and the powers of the loads.
+    """
+    (m, n), d = rhs.pushes.shape, len(rhs.loads)
     linear = np.zeros((n + 3 * m + d, n + 2 * d))
     rate, positions, velocities, offset_rates, power = np.split(linear, np.cumsum([n, m, m, m]))
-    rate[:, :n], rate[:, n : n + d] = e.matrix, e.loads.T
-    positions[:, :n], positions[:, n : n + d] = e.positions, e.offsets.T
-    velocities[:, :n], velocities[:, n + d :] = e.velocities, e.offsets.T
-    offset_rates[:, n + d :], power[:, :n] = e.offsets.T, e.power
-    arrays = (e.frequencies, e.edges, e.records, e.pushes, e.law)
-    return tuple(e.law[:, 3].tolist()), Numbers(linear, e.damping, *arrays, e.regime.copy(), e.window.copy())
+    rate[:, :n], rate[:, n : n + d] = rhs.matrix, rhs.loads.T
+    positions[:, :n], positions[:, n : n + d] = rhs.positions, rhs.offsets.T
+    velocities[:, :n], velocities[:, n + d :] = rhs.velocities, rhs.offsets.T
+    offset_rates[:, n + d :], power[:, :n] = rhs.offsets.T, rhs.power
+    names = ("viscous", "frequencies", "edges", "records", "pushes", "law", "regime", "window")
+    return tuple(rhs.law[:, 3].tolist()), {"linear": linear} | {name: vars(rhs)[name].copy() for name in names}
 
 
 def functions_of_time(t: Any, numbers: Numbers) -> tuple[Any, Any]:
     """1, sin w_1 t, cos w_1 t, ..., the records, (d,); and their rates."""
     import jax.numpy as jnp
 
-    w = numbers.frequencies
+    w, edges, records, window = (numbers[name] for name in ("frequencies", "edges", "records", "window"))
     # Sines and cosines in the order of ``Drive``, with their rates.
     s, c = jnp.sin(w * t), jnp.cos(w * t)
     g, rate = jnp.stack([s, c], axis=1).ravel(), jnp.stack([w * c, -w * s], axis=1).ravel()
-    values = rates = jnp.zeros(numbers.records.shape[1])
-    if numbers.records.size:
-        edges = numbers.edges
-        inside = jnp.clip(t, numbers.window[0], numbers.window[1])
+    values = rates = jnp.zeros(records.shape[1])
+    if records.size:
+        inside = jnp.clip(t, window[0], window[1])
         # At the end of a window the polynomial before it holds.
-        before = jnp.minimum(inside, jnp.nextafter(numbers.window[1], -jnp.inf))
+        before = jnp.minimum(inside, jnp.nextafter(window[1], -jnp.inf))
         k = jnp.clip(jnp.searchsorted(edges, before, side="right") - 1, 0, len(edges) - 2)
         tau = inside - edges[k]
-        for j in range(numbers.records.shape[2] - 1, -1, -1):  # Horner's scheme
+        for j in range(records.shape[2] - 1, -1, -1):  # Horner's scheme
             rates = rates * tau + values
-            values = values * tau + numbers.records[k, :, j]
+            values = values * tau + records[k, :, j]
     return jnp.concatenate([jnp.ones(1), g, values]), jnp.concatenate([jnp.zeros(1), rate, rates])
 
 
@@ -281,19 +263,19 @@ def rate_with_integrals(exponents: tuple[float, ...], t: Any, z: Any, numbers: N
     """z' of ``RightHandSide``: y' with the rates of the ledger's integrals; of z only its first n entries count."""
     import jax.numpy as jnp
 
-    m, n = numbers.pushes.shape
+    m, n = numbers["pushes"].shape
     y, (g, g_rate) = z[:n], functions_of_time(t, numbers)
-    rows = numbers.linear @ jnp.concatenate([y, g, g_rate])
+    rows = numbers["linear"] @ jnp.concatenate([y, g, g_rate])
     rate, u, v, offset_rates, power = jnp.split(rows, np.cumsum([n, m, m, m]))
     given, absorbed, pushes = g @ power, 0.0, []
     for c, p in enumerate(exponents):
-        stop: Any = Law(*numbers.law[c])
-        force = contact_force(u[c], v[c], numbers.regime[c], stop._replace(p=p))  # p is a constant of the program
-        rate = rate + numbers.pushes[c] * force
+        stop: Any = Law(*numbers["law"][c])
+        force = contact_force(u[c], v[c], numbers["regime"][c], stop._replace(p=p))  # p is a constant of the program
+        rate = rate + numbers["pushes"][c] * force
         given = given - force * offset_rates[c]
         absorbed = absorbed - jnp.where(damps(stop), force * v[c], 0.0)
         pushes.append(-force)
-    viscous = y @ numbers.damping @ y if numbers.damping.shape[0] else 0.0 * given
+    viscous = y @ numbers["viscous"] @ y if len(numbers["viscous"]) else 0.0 * given
     return jnp.concatenate([rate, jnp.stack([given, viscous, *pushes, absorbed])])[: max(n, len(z))]
 
 
@@ -363,8 +345,7 @@ class ODE:
 
     def rhs(self, t: float, y: ArrayLike) -> Array:
         """Return f(t, y), (n,)."""
-        self._rhs.ask(float(t))
-        return self._rhs.equations.state_rate(float(t), np.asarray(y, float))
+        return self._rhs.value(float(t), self._padded(y))[: self._n]
 
     def jac(self, t: float, y: ArrayLike) -> Array:
         """Return df/dy, (n, n)."""
@@ -410,7 +391,7 @@ class ODE:
         Raises InputError where a load or an offset is a Python function.
         """
         self.system.drive.require_closed_form("compiled code")
-        return function_address("state_rate"), self._rhs.equations.c
+        return function_address("state_rate"), ctypes.addressof(self._rhs.c)
 
     @cached_property
     def jax(self) -> Callable[..., Any]:
@@ -422,7 +403,7 @@ class ODE:
         self.system.drive.require_closed_form("JAX")
         if self.form != FORMS[0]:
             raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
-        exponents, numbers = numbers_of(self._rhs.equations)
+        exponents, numbers = numbers_of(self._rhs)
         return lambda t, y, args=None: rate_with_integrals(exponents, t, y, numbers)
 
     def _event(self, number: int, contact: int, side: int) -> Any:
@@ -446,6 +427,9 @@ class ODE:
 
     def _padded(self, y: ArrayLike) -> Array:
         """Return the state with the integrals of the ledger, which act on nothing."""
+        state = np.asarray(y, float)
+        if state.shape != (self._n,):
+            raise InputError("y", state.shape, f"be a state ({self._n},)", "evaluate states one by one")
         z = np.zeros(self._rhs.size)
-        z[: self._n] = y
+        z[: self._n] = state
         return z

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from .contact import Contact, chord, depth_holding, depth_under, stored
-from .modes import undamped_modes
+from .modes import Modes, undamped_modes
 from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction, Sampled, evaluate, parts
 
@@ -54,7 +54,8 @@ class Scales:
 @np.errstate(over="ignore")  # a speed of inf is refused by those who need one
 def scales(system: System, t_end: float = np.inf) -> Scales:
     """The scales of a run of ``system`` to t_end, inf where it is not known."""
-    basis, drive, largest = undamped_modes(system), system.drive, _speed(system, t_end)
+    basis, drive = undamped_modes(system), system.drive
+    largest = _speed(system, basis, t_end)
     # Constant loads in modal coordinates: a mode flies against them with the speed V.
     constant = basis.force(system.load_amplitudes[0])
     # A mode turns by its stiffness, or against the constant loads.
@@ -67,7 +68,7 @@ def scales(system: System, t_end: float = np.inf) -> Scales:
             stops, law = contact.stops, contact.stops.coefficients
             if not stops.rigid:  # by the spring with the same force where the stop holds the energy V^2/2
                 kappa = chord(depth_holding(0.5 * largest**2, law), law)
-                others.append(float(np.sqrt(kappa * _mobility(system, contact))))
+                others.append(float(np.sqrt(kappa) * _lightness(basis, contact)))
             across = 2.0 * largest * np.abs(basis.force(contact.row)) / (stops.upper_bound - stops.lower_bound)
             least = np.where(across > 0.0, np.minimum(least, across), least)
         least = np.minimum(least, min((x for x in others if x > 0.0), default=np.inf))
@@ -81,9 +82,8 @@ def oscillates(system: System, t_end: float = np.inf) -> Array:
     return (omega > 0.0) & (omega * t_end >= UNNOTICED)
 
 
-def _speed(system: System, t_end: float) -> float:
+def _speed(system: System, basis: Modes, t_end: float) -> float:
     """V of ``Scales``."""
-    basis = undamped_modes(system)
     damping = np.abs(np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0))
     # Speeds of the start.
     speeds = np.hypot(basis.omega * basis.to_modal(system.q0), basis.to_modal(system.v0))
@@ -100,24 +100,20 @@ def _speed(system: System, t_end: float) -> float:
             if frequency == 0.0:  # a push that lasts, which a stop ends
                 levels = [factor * f.level for factor, f in parts(function) if isinstance(f, Constant)]
                 signs = [np.sign(sum(levels))] if len(levels) == len(parts(function)) else [1.0, -1.0]
-                falls = [_fall(system, force, sign * amplitude) for sign in signs]
+                falls = [_fall(system, basis, force, sign * amplitude) for sign in signs]
                 # What lies on a stop is lifted by a load of both signs.
                 fall = np.min(falls, axis=0)
                 gained = np.minimum(gained, np.where(fall > 0.0, fall, np.max(falls, axis=0)))
             driven += gained
     # Speeds that stops give: by the energy in them at the start, and by their own motion.
     stored = float(system.energies(np.zeros(()), system.q0, system.v0)[2])
-    least = float(np.finfo(float).tiny)  # a share may underflow
-    moving = [
-        _sizes(contact.offset, t_end)[3] * max(_mobility(system, contact), least) ** -0.5 for contact in system.contacts
-    ]
+    moving = [_sizes(contact.offset, t_end)[3] / _lightness(basis, contact) for contact in system.contacts]
     return float(max(np.max(speeds), np.max(driven), np.sqrt(2.0 * stored), *moving, 0.0))
 
 
-def _fall(system: System, force: Array, level: float) -> Array:
+def _fall(system: System, basis: Modes, force: Array, level: float) -> Array:
     """The speed (n,) at which a constant force drives each mode on the nearest stop before it, and into it:
     sqrt(2 (f (d + depth) - U(depth))), depth that at which the stop holds the force; inf without such a stop."""
-    basis = undamped_modes(system)
     square, f = np.full(len(force), np.inf), level * force
     # The nearest stop ahead of each mode, on either side of a contact.
     for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
@@ -132,9 +128,9 @@ def _fall(system: System, force: Array, level: float) -> Array:
     return np.where(force == 0.0, 0.0, np.sqrt(square))
 
 
-def _mobility(system: System, contact: Contact) -> float:
-    """row M^-1 row."""
-    return float(contact.row @ np.linalg.solve(system.mass, contact.row))
+def _lightness(basis: Modes, contact: Contact) -> float:
+    """sqrt(row M^-1 row), above zero although its square may underflow."""
+    return max(float(np.linalg.norm(basis.force(contact.row))), 1e-154)
 
 
 def _sizes(function: LoadFunction | None, t_end: float) -> tuple[float, float, float, float]:

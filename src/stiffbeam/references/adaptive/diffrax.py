@@ -72,18 +72,6 @@ class Modal(NamedTuple):
     rates: Any
 
 
-class Span(NamedTuple):
-    """Up to ``count`` steps from (t, z) towards ``end``, the first of this ``length``, one to each of the outputs."""
-
-    t: Any
-    z: Any
-    length: Any
-    end: Any
-    outputs: Any
-    max_step: Any
-    count: Any
-
-
 class Program:
     """The compiled march of a solver of diffrax for one right-hand side, whose regime and window change."""
 
@@ -93,28 +81,27 @@ class Program:
         self.rhs, self.rtol, self._tolerances = rhs, rtol, (rtol, atol)
         # The first stage of a step is the last one of the step before (FSAL).
         self.stages = len(kind.tableau.b_sol) - 1
-        # Modal needs y' linear in y, which it is in a phase with any dashpots.
-        laws = [contact.stops.coefficients for contact in rhs.system.contacts]
-        self._linear = all(law.p == 1.0 and law.lam == 0.0 for law in laws)
         self._modal: dict[bytes, Modal | None] = {}
         with float64_on_the_processor():
-            exponents, numbers = numbers_of(rhs.equations)
+            exponents, numbers = numbers_of(rhs)
             self._numbers, self._march = jax.device_put(numbers), _compiled(kind, exponents)
         with once():
-            self(Span(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0))  # compiles
+            self(0.0, rhs.z0, 1.0, 1.0, np.empty(0), 1.0, 0)  # compiles
 
-    def __call__(self, span: Span) -> tuple[Any, ...]:
-        """``_march`` in the regime of now, with up to CAPACITY outputs."""
+    def __call__(
+        self, t: float, z: Array, length: float, end: float, outputs: Array, max_step: float, count: int
+    ) -> tuple[Any, ...]:
+        """``_march`` in the regime of now: up to ``count`` steps from (t, z) towards ``end``, the first of this length,
+        one to each of the outputs, CAPACITY at most."""
         rhs, regime = self.rhs, self.rhs.regime.tobytes()
         if regime not in self._modal:
-            jacobian = rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states] if self._linear else None
-            self._modal[regime] = None if jacobian is None else _modal(jacobian)
-        numbers = self._numbers._replace(regime=rhs.regime.copy(), window=rhs.window.copy())
+            self._modal[regime] = _modal(rhs)
+        numbers = self._numbers | {"regime": rhs.regime.copy(), "window": rhs.window.copy()}
         ahead = np.full(CAPACITY, np.inf)
-        ahead[: len(span.outputs)] = span.outputs
+        ahead[: len(outputs)] = outputs
         with float64_on_the_processor():
-            found = self._march((numbers, self._modal[regime]), self._tolerances, span._replace(outputs=ahead))
-            return tuple(map(np.asarray, found))
+            span = t, z, length, end, ahead, max_step, count
+            return tuple(map(np.asarray, self._march((numbers, self._modal[regime]), self._tolerances, span)))
 
 
 @cache
@@ -161,8 +148,7 @@ class Stepper(OdeSolver):
             first = int(np.searchsorted(outputs, self.t, "right"))
             due = outputs[first : first + CAPACITY]
             end = float(due[-1]) if len(due) == CAPACITY else self.t_bound
-            span = Span(self.t, self.y, length, end, due, max_step, count)
-            times, states, made, tried, length = self._program(span)
+            times, states, made, tried, length = self._program(self.t, self.y, length, end, due, max_step, count)
             # A rejected step takes as many stages as an accepted one.
             self.nfev += int(tried) * self._program.stages
             length, count = float(length), min(CAPACITY, 2 * count)
@@ -175,8 +161,13 @@ class Stepper(OdeSolver):
         return lambda t: np.asarray(spline(t)).T
 
 
-def _modal(jacobian: Array) -> Modal | None:
-    """The Jacobian in its eigenvectors, None where these are too ill-conditioned."""
+def _modal(rhs: RightHandSide) -> Modal | None:
+    """The Jacobian in its eigenvectors, None where these are too ill-conditioned, or where y' is not linear in y in
+    every phase, as it is with any dashpots."""
+    laws = [contact.stops.coefficients for contact in rhs.system.contacts]
+    if any(law.p != 1.0 or law.lam != 0.0 for law in laws):
+        return None
+    jacobian = rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states]
     # Scaled first, so that the units of the unknowns do not count.
     balanced, (scale, _) = scipy.linalg.matrix_balance(jacobian, permute=False, separate=True)
     rates, vectors = np.linalg.eig(balanced)
@@ -189,10 +180,10 @@ def _modal(jacobian: Array) -> Modal | None:
 
 
 def _march(
-    kind: Any, exponents: tuple[float, ...], arguments: Any, tolerances: tuple[Any, Any], span: Span
+    kind: Any, exponents: tuple[float, ...], arguments: Any, tolerances: tuple[Any, Any], span: tuple[Any, ...]
 ) -> tuple[Any, Any, Any, Any, Any]:
     """The accepted steps of a span: their times and states, the numbers of accepted and of tried steps, and the length
-    of the next. arguments: of the right-hand side, and ``Modal`` or None."""
+    of the next. arguments: of the right-hand side, and ``Modal`` or None. span: the arguments of ``Program``."""
     import diffrax
     import jax
     import jax.numpy as jnp

@@ -22,13 +22,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from ...basics.arrays import Array
 from ...basics.resources import clock, late
 from ...basics.validation import InputError
 from ...kernels.rhs import THROUGH
 from ...model.contact import chord
+from ...model.modes import undamped_modes
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
 from ...model.time_functions import breakpoints_of, evaluate
@@ -46,12 +46,11 @@ ORDERS = 6  # powers of time in the rate of a body at rest on its stop, of which
 
 
 class Interval(NamedTuple):
-    """Interval [start, end] with smooth functions of time. They may be evaluated in [first, end] only: a jump at an
+    """Interval [start, end] with smooth functions of time, the only one in which they may be evaluated: a jump at an
     end belongs to the neighbour. max_step: inf without a bound."""
 
     start: float
     end: float
-    first: float
     max_step: float
 
 
@@ -77,10 +76,10 @@ def smooth_intervals(request: Request) -> list[Interval]:
             cuts.append(t)
     # The functions may jump at a cut: an interval ends one double before it, and the next one evaluates them after it.
     ends = [*(math.nextafter(t, -math.inf) for t in cuts[1:]), t_end]
-    firsts = [0.0, *(math.nextafter(t, math.inf) for t in cuts[1:])]
+    starts = [0.0, *(math.nextafter(t, math.inf) for t in cuts[1:])]
     return [
-        Interval(start, end, first, min(longest, PER_STEP * (end - start) if cubic else math.inf))
-        for start, end, first in zip([0.0, *ends[:-1]], ends, firsts, strict=True)
+        Interval(start, end, min(longest, PER_STEP * (end - start) if cubic else math.inf))
+        for start, end in zip(starts, ends, strict=True)
     ]
 
 
@@ -104,18 +103,16 @@ def scales_of(system: System, t_end: float) -> Scales:
     free mass. Every term has its dimension, so other units of length, time and mass give the same motion
     the same scales. A system in which nothing can move has scales 1.
     """
+    basis, t, moves = undamped_modes(system), np.linspace(0.0, t_end, SAMPLES), list[float]()
+    # S = soft soft^T, M^-1 = light light^T.
+    light, soft = basis.shapes, basis.shapes / np.hypot(basis.omega, np.sqrt(2.0) / t_end)
     # Energy of the start, of the loads and of the moving stops.
-    compliance, mobility = (
-        scipy.linalg.cho_solve(scipy.linalg.cho_factor(matrix), np.eye(system.size))
-        for matrix in (system.stiffness + 2.0 / t_end**2 * system.mass, system.mass)
-    )
-    t, moves = np.linspace(0.0, t_end, SAMPLES), list[float]()
     energy = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
     for vector, function in system.loads:
-        largest = float(np.max(np.abs(evaluate(function, t))))
-        energy += 0.5 * largest * largest * float(vector @ compliance @ vector)
+        root = float(np.max(np.abs(evaluate(function, t))) * np.linalg.norm(vector @ soft))
+        energy += 0.5 * root * root
     for contact in system.contacts:
-        o, gives = evaluate(contact.offset, t), float(contact.row @ compliance @ contact.row)
+        o, gives = evaluate(contact.offset, t), float(np.linalg.norm(contact.row @ soft)) ** 2
         moves.append(float(np.max(np.abs(o))))
         move = float(np.max(np.abs(o - o[0])))
         if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid
@@ -128,14 +125,11 @@ def scales_of(system: System, t_end: float) -> Scales:
         ones = np.ones(len(system.contacts))
         return Scales(np.ones(2 * system.size), ones, ones, 1.0)
     # Largest values at that energy.
-    lengths, speeds = (
-        np.array([np.sqrt(2.0 * energy * (c.row @ inverse @ c.row)) for c in system.contacts])
-        for inverse in (compliance, mobility)
-    )
-    squares = 2.0 * energy * np.stack([np.diag(compliance), np.diag(mobility)], axis=1).ravel()
-    unknowns = np.sqrt(np.maximum(squares, 0.0))  # of an inverse that rounding may leave slightly negative
+    rows = np.array([contact.row for contact in system.contacts]).reshape(-1, system.size)
+    lengths, speeds = (np.sqrt(2.0 * energy) * np.linalg.norm(rows @ root, axis=1) for root in (soft, light))
+    unknowns = np.stack([np.linalg.norm(root, axis=1) for root in (soft, light)], axis=1).ravel()
     # A tolerance must be positive, also for an unknown that cannot move.
-    unknowns = np.where(unknowns > 0.0, unknowns, np.max(unknowns))
+    unknowns = np.sqrt(2.0 * energy) * np.where(unknowns > 0.0, unknowns, np.max(unknowns))
     return Scales(unknowns, lengths + np.array(moves), speeds, energy)
 
 
@@ -227,7 +221,7 @@ class Path:
         stops = [max(abs(g) for _, g in rhs.system.contacts[i].stops.sides) for i, _ in rhs.sides]
         contacts = [i for i, _ in rhs.sides]
         extents = np.concatenate([scales.lengths[contacts] + stops, scales.speeds[contacts]])
-        self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, rhs.roots - len(extents)))
+        self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, len(rhs.levels) - len(extents)))
         self.states, self.spans = list[Array](), [list[Span]() for _ in rhs.sides]
         self.counters, self.end = Counter(restarts=-1), 0.0
         rhs.lengths[:], rhs.regime[:] = scales.lengths, THROUGH
@@ -238,8 +232,8 @@ class Path:
         self.states += [z] if len(t) and t[0] <= 0.0 else []
         # In every smooth interval, phases from event to event.
         for interval in intervals:
-            stored = rhs.stored(interval.start, z)
-            rhs.window[:] = (interval.first, interval.end)
+            stored = rhs.stored(now, z)
+            rhs.window[:] = (interval.start, interval.end)
             if interval is intervals[0]:
                 switched = np.flatnonzero(self._closed_at_start(z, interval)).tolist()
             else:

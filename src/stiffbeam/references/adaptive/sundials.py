@@ -68,11 +68,20 @@ def solve(request: Request) -> Reference:
 
 
 class Library:
-    """The functions of one extension module of scikit-sundae and of the libraries that it is linked to."""
+    """The functions of the extension module of scikit-sundae for CVode or IDA, and of the libraries that it is linked
+    to. Raises InputError where it is not as expected."""
 
-    def __init__(self, module: Any) -> None:
-        self._library = ctypes.CDLL(module.__file__)
-        self.messages: dict[int, str] = getattr(module, "CVMESSAGES", None) or module.IDAMESSAGES
+    def __init__(self, family: str) -> None:
+        major, rest, label = INTEGER(), [INTEGER(), INTEGER()], ctypes.create_string_buffer(32)
+        try:
+            module = import_module(f"sksundae._cy_{family.lower()}")
+            self._library = ctypes.CDLL(module.__file__)
+            self.messages: dict[int, str] = getattr(module, "CVMESSAGES", None) or module.IDAMESSAGES
+            self("SUNDIALSGetVersionNumber", ctypes.byref(major), *map(ctypes.byref, rest), label, INTEGER(32))
+        except (ImportError, AttributeError, OSError, RuntimeError) as error:
+            raise another(str(error)) from error
+        if major.value != VERSION:
+            raise another(f"version {major.value}")
 
     def __call__(self, name: str, *arguments: Any, result: Any = INTEGER, fails: bool = True) -> Any:
         """Call a function; raise RuntimeError where its result is an error, unless ``fails`` is False."""
@@ -89,19 +98,7 @@ class Library:
         return (POINTER * (word + 1)).from_address(content.value or 0)[word] == self(data, structure, result=POINTER)
 
 
-@cache
-def library_of(family: str) -> Library:
-    """The library of CVode or IDA. Raises InputError where it is not as expected."""
-    try:
-        library = Library(import_module(f"sksundae._cy_{family.lower()}"))
-        major, rest = INTEGER(), [INTEGER(), INTEGER()]
-        label = ctypes.create_string_buffer(32)
-        library("SUNDIALSGetVersionNumber", ctypes.byref(major), *map(ctypes.byref, rest), label, INTEGER(32))
-    except (ImportError, AttributeError, OSError, RuntimeError) as error:
-        raise another(str(error)) from error
-    if major.value != VERSION:
-        raise another(f"version {major.value}")
-    return library
+library_of = cache(Library)
 
 
 def another(value: str) -> InputError:
@@ -145,7 +142,7 @@ class Sundials:
         arguments = (INTEGER(ADAMS if method == "cvode-adams" else BDF),) if self.family == "CVode" else ()
         self._solver = self._made(f"{self.family}Create", *arguments, free=f"{self.family}Free")
         self._set("Init", first, DOUBLE(0.0), *self._vectors)
-        self._set("SetUserData", POINTER(rhs.equations.c))
+        self._set("SetUserData", ctypes.byref(rhs.c))
         self._set("SVtolerances", DOUBLE(rtol), tolerances)
         self._set("SetLinearSolver", linear, matrix)
         self._set("SetJacFn", jacobian)
