@@ -508,7 +508,7 @@ CALLS = {
     "run": sb.contact_rates,
     "tangents": lambda x: sb.contact_rates(MOTION, tangents=x),
     "problems": lambda x: sb.score("hht", x),
-    "states": lambda x: sb.Trajectory.from_arrays([0.0, 0.1, 0.2], system=CHAIN, states=x),
+    "tip": lambda x: sb.Trajectory.from_arrays([0.0, 0.1, 0.2], x, x, CHAIN),
     "wrt": MOTION.derivative,
     "file": lambda x: MOTION.animate(x),
     "beside": lambda x: MOTION.animate("film.gif", x),

@@ -24,9 +24,7 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
     no horizon.
     """
     if isinstance(run, (tuple, list)) and len(run) in (2, 3) and isinstance(reference, Reference):
-        states = (run[1], run[2]) if len(run) == 3 and np.ndim(run[1]) == 2 else None
-        tips = run[1:] if states is None else ()
-        run = Trajectory.from_arrays(run[0], *tips, system=reference.system, states=states)
+        run = Trajectory.from_arrays(*run, system=reference.system)
     if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
         got = f"{type(run).__name__}, {type(reference).__name__}"
         rule = "be given a run, or its arrays (t, tip), (t, tip, tip velocity) or (t, q, v), and then a reference"
@@ -51,14 +49,6 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
     return run
 
 
-@dataclass(frozen=True)
-class TipError:
-    """(u - u_ref)/max |u_ref| over the times both are given at; both 0 where run and reference are at rest."""
-
-    rms: float
-    max: float
-
-
 def relative_error(u: Array, u_ref: Array) -> Array:
     """(u - u_ref)/max |u_ref|, (k,); u - u_ref itself for a reference at rest."""
     return (u - u_ref) / (float(np.max(np.abs(u_ref))) or 1.0)
@@ -69,10 +59,10 @@ def rms(error: Array, t: Array | None = None) -> float:
     return float(np.sqrt(np.average(error**2, weights=None if t is None else step_lengths(t))))
 
 
-def tip_error(u: Array, u_ref: Array) -> TipError:
-    """rms and largest |error| of u (k,) against u_ref (k,) at the same times, k >= 1."""
+def tip_error(u: Array, u_ref: Array) -> tuple[float, float]:
+    """rms and largest size of the ``relative_error`` of u (k,) against u_ref (k,) at the same times, k >= 1."""
     error = relative_error(u, u_ref)
-    return TipError(rms(error), float(np.max(np.abs(error))))
+    return rms(error), float(np.max(np.abs(error)))
 
 
 WIDEST = 1.5  # an interval wider than this cannot tell one order from the next

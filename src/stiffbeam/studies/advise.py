@@ -286,7 +286,7 @@ def errors_of(run: Trajectory, exact: Reference) -> dict[str, float]:
     """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
     pairs = list(zip(run.contacts, exact.contacts, strict=True))
     counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
-    errors = {"tip": tip_error(run.tip, exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
+    errors = {"tip": tip_error(run.tip, exact.at(run.t)[0])[0], "impacts": max(counts, default=0.0)}
     for name in ("peak_force", "impulse"):
         errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
     return errors

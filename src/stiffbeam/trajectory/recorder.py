@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.validation import InputError, numbers, sequence
+from ..basics.validation import InputError, numbers
 from ..kernels.march import EVENT, TALLY, contact_forces, switch_time
 from ..model.contact import Stops, all_laws, channel_motion, jumps, side_at_start
 from ..model.system import System, require_system
@@ -150,12 +150,23 @@ def rebounds(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
     return Impacts.at(times, sides, "sampled")
 
 
-def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
-    """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,); see ``rebounds`` for those
-    on rigid stops. Times of entry and exit: see ``Impacts``."""
+def totals(t: Array, force: Array) -> tuple[float, float, float]:
+    """Share of the time in contact, peak and impulse of a ``force`` (k,) at times t (k,). Every step counts by its end,
+    so that the start has no share."""
+    size = np.abs(force)
+    share = np.average(size[1:] != 0.0, weights=step_lengths(t)[1:])
+    return float(share), float(np.max(size)), float(np.trapezoid(size, t))
+
+
+def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
+    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,). Times of entry and exit: see
+    ``Impacts``.
+
+    Against rigid stops positions tell impacts, see ``rebounds``, not forces: these are NaN.
+    """
     if stops.rigid:
-        return rebounds(t, u, v, stops)
-    chi, size = stops.state(u, v), np.abs(stops.force(u, v))
+        return ContactRecord(stops, u, v, np.full(len(t), np.nan), rebounds(t, u, v, stops), *3 * (float("nan"),))
+    chi, force = stops.state(u, v), stops.force(u, v)
     # At the first time a position exactly on a stop is contact unless it leaves.
     chi[0] = side_at_start(u[0], v[0], stops.law)
 
@@ -163,21 +174,9 @@ def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
         length = float(t[k] - t[k - 1])
         return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, stops.law, length)
 
-    return impacts_in(t, chi, size * step_lengths(t), switch, bool(t[0] == 0.0), peaks=size)
-
-
-def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
-    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,).
-
-    Against rigid stops positions tell impacts, not forces: these are NaN.
-    """
-    if stops.rigid:
-        return ContactRecord(stops, u, v, np.full(len(t), np.nan), rebounds(t, u, v, stops), *3 * (float("nan"),))
-    force = stops.force(u, v)
-    size, impacts = np.abs(force), sampled_impacts(t, u, v, stops)
-    # Every step counts by its end.
-    fraction = float(np.average(stops.state(u[1:], v[1:]) != 0, weights=step_lengths(t)[1:]))
-    return ContactRecord(stops, u, v, force, impacts, fraction, float(np.max(size)), float(np.trapezoid(size, t)))
+    size = np.abs(force)
+    impacts = impacts_in(t, chi, size * step_lengths(t), switch, bool(t[0] == 0.0), peaks=size)
+    return ContactRecord(stops, u, v, force, impacts, *totals(t, force))
 
 
 def reaction_counts(stops: Stops, dt: float, u: Array, means: Array, since: int) -> dict[str, Any]:
@@ -203,80 +202,74 @@ def reaction_counts(stops: Stops, dt: float, u: Array, means: Array, since: int)
     }
 
 
-NO_STATES = "the run came as arrays without states=(q, q')"
+NO_STATES = "the run came as arrays without states, (t, q, v)"
 NO_REACTIONS = "arrays, which have no reactions of rigid stops"
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the end: times that are apart by no more are one time
 SAME_POSITION = 1e-4  # of the motion: the rounding of five digits, less than a step changes
+OVERFLOWS = "end the run before it overflows"
 
 
 def run_fields(
-    t: ArrayLike, tip: ArrayLike | None, tip_velocity: ArrayLike | None, system: System | None,
-    states: tuple[ArrayLike, ArrayLike] | None, name: str,
-) -> dict[str, Any]:  # fmt: skip
+    t: ArrayLike, tip: ArrayLike, tip_velocity: ArrayLike | None, system: System | None, name: str
+) -> dict[str, Any]:
     """The fields of a Trajectory except its work, see ``Trajectory.from_arrays``."""
     from scipy.interpolate import CubicSpline
 
-    given = _array("t", t, (0,), "be three or more numbers in a row")
+    given = numbers("t", t, remedy=OVERFLOWS)
+    if given.ndim != 1 or len(given) < 3:
+        raise InputError("t", f"shape {given.shape}", "be three or more numbers in a row", "give a list")
     # Times first: of several rows at one time, as at an event, the last counts.
     times, rows = distinct_times(given)
     if times[0] != 0.0 or len(times) < 3:
         raise InputError("t", given, "be three or more times from 0 on", "begin with the initial state, at t = 0")
     if not isinstance(name, str) or not name:
         raise InputError("name", name, "be a text", 'for example "mine"')
-    q = v = None
-    if system is not None:
-        require_system(system)
-    # States determine the tip and its velocity where these are not passed.
-    if states is not None:
-        if system is None:
-            raise InputError("states", "without a system", "come with their system", "pass system=")
-        if len(pair := sequence("states", states, "be two arrays, (q, q')")) != 2:
-            raise InputError("states", f"{len(pair)} arrays", "be two arrays, (q, q')", "give both")
-        shape = len(given), system.size
-        q, v = (_array("states", x, shape, f"be two arrays, {shape}, (times, unknowns)") for x in pair)
-        seen = channel_motion(*system.channels[system.tip_channel], given, q, v)
-        tip, tip_velocity = (own if x is None else x for x, own in zip((tip, tip_velocity), seen, strict=True))
-        q, v = q[rows], v[rows]
-    if tip is None:
-        raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
-    row, smoothed = f"be one number per time, {len(given)}", tip_velocity is None
-    u = _array("tip", tip, given.shape, row)
+    of_all = [] if system is None else [(len(given), require_system(system).size)]
+    u, q, v, smoothed = _rows("tip", tip, given.shape, *of_all), None, None, tip_velocity is None
+    w = None if smoothed else _rows("tip_velocity", tip_velocity, u.shape)
+    # All unknowns determine the tip; the other way round where it is the only one.
+    if system is not None and u.ndim == 2:
+        q, v = u, w
+        u, w = channel_motion(*system.channels[system.tip_channel], given, q, np.zeros_like(q) if v is None else v)
+    elif system is not None and w is not None and system.size == 1:
+        row, offset = system.channels[system.tip_channel]
+        q, v = (u[:, None], w[:, None]) if row == 1.0 and offset is None else (None, None)
     again = np.setdiff1d(np.arange(len(given)), rows)
     apart = again[np.abs(u[again + 1] - u[again]) > SAME_POSITION * np.max(np.abs(u))]
     if len(apart):
         remedy = "write the times with more digits"
         raise InputError("t", float(given[apart[0]]), "belong to one position, not several", remedy)
-    u = u[rows]
-    w = CubicSpline(times, u)(times, 1) if smoothed else _array("tip_velocity", tip_velocity, given.shape, row)[rows]
+    u, states = u[rows], None if q is None or v is None else (q[rows], v[rows])
+    w = CubicSpline(times, u)(times, 1) if smoothed or w is None else w[rows]
     notes: dict[str, Any] = {
         "method": name, "source": "arrays", "form": "arrays" if system is None else system.form,
         "dt": float(np.median(np.diff(times))), "t_end": float(times[-1]), "every": 1,
     }  # fmt: skip
-    if system is not None:
-        notes["units"] = list(system.units)
     if smoothed:  # a spline's velocity is smooth where the true one has a kink
         notes["tip_velocity"] = "of a spline through the tip"
-    fields: dict[str, Any] = {
-        "t": times, "tip": u, "tip_velocity": w, "provenance": notes, "system": system,
-        "contacts": () if system is None else tuple(_contacts(system, times, u, w, smoothed, q, v)),
-    }  # fmt: skip
-    if system is not None and q is not None and v is not None:
-        pieces = [(times, q, v, np.full((len(times), len(system.contacts)), np.nan))]
+    fields: dict[str, Any] = {"t": times, "tip": u, "tip_velocity": w, "provenance": notes, "system": system}
+    if system is None:
+        return fields | {"contacts": ()}
+    notes["units"] = list(system.units)
+    fields["contacts"] = tuple(_contacts(system, times, (u, w), smoothed, states))
+    if states is not None:
+        pieces = [(times, *states, np.full((len(times), len(system.contacts)), np.nan))]
         fields["pieces"] = partial(iter, pieces)
         fields["ledger"] = None if system.rigid else partial(step_ledger, system, pieces, times)
     return fields
 
 
 def _contacts(
-    system: System, t: Array, u: Array, w: Array, smoothed: bool, q: Array | None, v: Array | None
+    system: System, t: Array, tip: tuple[Array, Array], smoothed: bool, states: tuple[Array, Array] | None
 ) -> Iterator[ContactRecord]:
-    """Record of every contact: from the states, or from the tip where it is the contact point; else NaN. smoothed: the
-    velocity of the tip is a spline's, which has no jump at rigid stops."""
+    """Record of every contact: from the states, or from the motion of the tip where it is the contact point; else NaN.
+    smoothed: the velocity of the tip is a spline's, which has no jump at rigid stops."""
     for i, contact in enumerate(system.contacts):
-        if system.reads_tip(i) and not (smoothed and contact.stops.rigid):
-            yield sampled_record(t, u, w, contact.stops)
-        elif q is not None and v is not None:
-            yield sampled_record(t, *channel_motion(contact.row, contact.offset, t, q, v), contact.stops)
+        motion = tip if system.reads_tip(i) and not (smoothed and contact.stops.rigid) else None
+        if states is not None:
+            motion = channel_motion(contact.row, contact.offset, t, *states)
+        if motion is not None:
+            yield sampled_record(t, *motion, contact.stops)
         else:
             nothing, unknown = np.full(len(t), np.nan), float("nan")
             yield ContactRecord(
@@ -300,11 +293,10 @@ def distinct_times(t: Array) -> tuple[Array, NDArray[np.int64]]:
     return t[first], np.append(np.flatnonzero(first)[1:], len(t)) - 1
 
 
-def _array(name: str, values: Any, shape: tuple[int, ...], rule: str) -> Array:
-    """Finite numbers of the shape; 0: of any length."""
-    array = numbers(name, values, remedy="end the run before it overflows")
-    fits = array.ndim == len(shape) and all(k in (0, n) for k, n in zip(shape, array.shape, strict=True))
-    if not fits or len(array) < 3:
-        remedy = "give a list" if len(shape) == 1 else "give a row for each time"
-        raise InputError(name, f"shape {array.shape}", rule, remedy)
+def _rows(name: str, values: Any, *shapes: tuple[int, ...]) -> Array:
+    """Finite numbers of one of the shapes."""
+    array = numbers(name, values, remedy=OVERFLOWS)
+    if array.shape not in shapes:
+        remedy = "give one number per time, or with their system a row of all unknowns"
+        raise InputError(name, f"shape {array.shape}", f"have shape {' or '.join(map(str, shapes))}", remedy)
     return array

@@ -18,7 +18,7 @@ from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.text import DRAW, sentence, several
 from ..basics.validation import InputError, integer, numbers, positive, sequence
-from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
+from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_record
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
 from .schema import Saved, dataset_of, frame_of, output_index, values_of
 
@@ -143,25 +143,24 @@ class Trajectory(Saved):
     def from_arrays(
         cls,
         t: ArrayLike,
-        tip: ArrayLike | None = None,
+        tip: ArrayLike,
         tip_velocity: ArrayLike | None = None,
         system: System | None = None,
-        states: tuple[ArrayLike, ArrayLike] | None = None,
         name: str = "own",
     ) -> Trajectory:
         """A run of another program: positions of the tip, and its velocity, at increasing times t (k,) from 0 on.
 
-        If a time occurs twice, or increases by rounding only, as at an event, the later row counts, and ``t`` has it
-        once.
+        With a system, tip and tip_velocity may be q and q' (k, n) of all unknowns, which also give the energy balance,
+        every contact and the displacement. If a time occurs twice, or increases by rounding only, as at an event, the
+        later row counts, and ``t`` has it once.
 
         tip_velocity: by default that of a cubic spline through the tip, which smooths every kink; the provenance then
         states this. system: what was integrated; with it the run can be compared, and the contact at the tip has its
-        sampled impacts and force. states: (q, q'), each (k, n); they give the energy balance, every contact, the
-        displacement and, if it is missing, the tip. Quantities that the arrays do not determine are NaN, or raise an
-        error when used. name: its name in tables and pictures. provenance["dt"] is the median step. Raises InputError
-        for decreasing times, two positions at one time, other shapes, and numbers that are not finite.
+        sampled impacts and force. Quantities that the arrays do not determine are NaN, or raise an error when used.
+        name: its name in tables and pictures. provenance["dt"] is the median step. Raises InputError for decreasing
+        times, two positions at one time, other shapes, and numbers that are not finite.
         """
-        entries = run_fields(t, tip, tip_velocity, system, states, name)
+        entries = run_fields(t, tip, tip_velocity, system, name)
         unknown = float("nan")
         return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
@@ -210,7 +209,7 @@ class Trajectory(Saved):
         """(q, q') at the output times, each (k, n); q is v = u - phi (1 - (x/L)^2) for a beam."""
         if self.pieces is None:
             reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
-            raise InputError("states", reason, "come from a run", "integrate again, or pass states")
+            raise InputError("states", reason, "come from a run", "integrate again, or pass q and v")
         every, kept, first = int(self.provenance.get("every", 1)), [], 0
         for t, q, v, _ in self.pieces():
             # Pieces share end points: the first row of a later one is there already.
@@ -414,7 +413,7 @@ class Reference(Trajectory):
             return Impacts.at([], [], "sampled")
         self._contact(contact)
         t = np.arange(steps + 1) * dt
-        return sampled_impacts(t, *self.at(t, contact=contact), self.contacts[contact].stops)
+        return sampled_record(t, *self.at(t, contact=contact), self.contacts[contact].stops).impacts
 
     def _contact(self, contact: int) -> None:
         """Refuse the number of a contact that is not there."""
