@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,11 +20,9 @@ from ..basics.text import DRAW, sentence, several
 from ..basics.validation import InputError, integer, numbers, positive, sequence
 from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_record
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
-from .schema import Saved, dataset_of, frame_of, output_index, values_of
+from .schema import Saved, output_index
 
 if TYPE_CHECKING:
-    import pandas
-    import xarray
     from matplotlib.figure import Figure
 
     from ..model.contact import Stops
@@ -41,42 +39,30 @@ def versions() -> dict[str, str]:
     return {"stiffbeam": version("stiffbeam"), "numpy": np.__version__, "python": platform.python_version()}
 
 
-class Diverged(RuntimeError):
-    """A run of a scheme that overflowed. The message gives a fix.
+class _Stopped(RuntimeError):
+    """A run that ended at the time t, by its method, that time, and further parts of a sentence."""
 
-    Parameters
-    ----------
-    scheme, remedy : str
-        Label of the scheme, and a fix.
-    t : float
-        Time of the first value that is not finite.
-    """
+    joints: ClassVar[tuple[str, ...]]  # of the parts
 
-    def __init__(self, scheme: str, t: float, remedy: str) -> None:
-        super().__init__(scheme, t, remedy)
-        self.scheme, self.t, self.remedy = scheme, t, remedy
+    def __init__(self, method: str, t: float, *others: str) -> None:
+        super().__init__(method, t, *others)
+        self.t = t
 
     def __str__(self) -> str:
-        return sentence((self.scheme, f"{self.t:.6g}", self.remedy), (" overflowed at t = ", ": "))
+        method, t, *others = self.args
+        return sentence((method, f"{t:.6g}", *others), self.joints)
 
 
-class SolverFailure(RuntimeError):
-    """A reference solver that could not go on. The message gives the reason and a fix.
+class Diverged(_Stopped):
+    """A run of a scheme that overflowed: its label, the time ``t`` of the first value that is not finite, and a fix."""
 
-    Parameters
-    ----------
-    solver, reason, remedy : str
-    t : float
-        The time that the solver had reached.
-    """
+    joints = " overflowed at t = ", ": "
 
-    def __init__(self, solver: str, t: float, reason: str, remedy: str) -> None:
-        super().__init__(solver, t, reason, remedy)
-        self.solver, self.t, self.reason, self.remedy = solver, t, reason, remedy
 
-    def __str__(self) -> str:
-        parts = self.solver, f"{self.t:.6g}", self.reason, self.remedy
-        return sentence(parts, (" stopped at t = ", ": ", "; "))
+class SolverFailure(_Stopped):
+    """A reference solver that could not go on: its name, the time ``t`` that it had reached, the reason and a fix."""
+
+    joints = " stopped at t = ", ": ", "; "
 
 
 class Unfinished(RuntimeError):
@@ -208,8 +194,7 @@ class Trajectory(Saved):
     def states(self) -> tuple[Array, Array]:
         """(q, q') at the output times, each (k, n); q is v = u - phi (1 - (x/L)^2) for a beam."""
         if self.pieces is None:
-            reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
-            raise InputError("states", reason, "come from a run", "integrate again, or pass q and v")
+            raise InputError("states", self._source, "come from a run", "integrate again, or pass q and v")
         every, kept, first = int(self.provenance.get("every", 1)), [], 0
         for t, q, v, _ in self.pieces():
             # Pieces share end points: the first row of a later one is there already.
@@ -221,6 +206,11 @@ class Trajectory(Saved):
         return q, v
 
     @property
+    def _source(self) -> str:
+        """Source of a run without states."""
+        return NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+
+    @property
     def has_energy(self) -> bool:
         """True if the run has an energy balance, or can compute one."""
         return self.ledger is not None or "energy" in vars(self)
@@ -230,10 +220,9 @@ class Trajectory(Saved):
         """Energy balance at the output times; that of a scheme is summed over every step. Raises Diverged if an energy
         is beyond float64 although the motion is not."""
         if self.ledger is None:
-            reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             if self.pieces is not None:
                 raise InputError("energy", NO_REACTIONS, "be that of a run with them", "use integrate")
-            raise InputError("energy", reason, "have been saved with the run", "run it again, with its states")
+            raise InputError("energy", self._source, "have been saved with the run", "run it again, with its states")
         ledger = self.ledger()
         finite = np.all([np.isfinite(getattr(ledger, column.name)) for column in fields(ledger)], axis=0)
         if not np.all(finite):
@@ -263,16 +252,6 @@ class Trajectory(Saved):
         """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops; options: see
         ``figures.animation.animate``."""
         return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, **options)
-
-    def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row for each output time (the index): tip, tip_velocity, ``contact_force_0`` and so on of every
-        contact, and the energies if the run has an energy balance. Units and provenance in ``attrs``."""
-        return frame_of(values_of(self), "time", self.units, provenance=self.provenance)
-
-    def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
-        """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes; with positions
-        x along the beam also displacement(time, x) and velocity(time, x)."""
-        return dataset_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
 
 
 def _travels(value: Any) -> bool:
