@@ -17,7 +17,7 @@ from systems import one_mass, random_chain, rotor, with_stops
 
 import stiffbeam as sb
 from stiffbeam.march import block_march
-from stiffbeam.march.probe import Coordinates
+from stiffbeam.march.propagator import Coordinates
 from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.modes import modes
 from stiffbeam.model.time_functions import offset_rate, offset_values
@@ -26,7 +26,7 @@ from stiffbeam.trajectory.recorder import sampled_record
 from stiffbeam.trajectory.records import Ledger, step_ledger
 
 SCHEMES = [*registered(), UnweightedHHT(-0.1), PrintedSigma()]
-PAIRS = [(scheme, name) for scheme in SCHEMES for name in TREATMENTS if TREATMENTS[name].takes(scheme)]
+PAIRS = [(scheme, name) for scheme in SCHEMES for name in TREATMENTS if TREATMENTS[name].form_of(scheme)]
 SMOOTH = [{}, {}, {"exponent": 1.5}]
 EPS = np.finfo(float).eps
 

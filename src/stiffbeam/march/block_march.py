@@ -21,8 +21,7 @@ from ..schemes import Scheme
 from ..trajectory.recorder import CONTACT, end_tallies, forces_at, overflow, record, start_tallies
 from ..trajectory.records import Ledger, step_ledger
 from ..trajectory.trajectory import SolverFailure
-from .probe import Coordinates, StepMap, independent
-from .propagator import Forcing, Propagator, by_diagonals
+from .propagator import Coordinates, Forcing, Propagator, StepMap, by_diagonals, independent
 from .treatment import Treatment, require_giving_way, require_moved
 
 STEPS_PER_CALL = 1 << 16  # between which Python sees an interruption

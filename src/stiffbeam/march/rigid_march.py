@@ -19,7 +19,7 @@ from ..schemes.rigid import AHEAD, POSITION, RESTITUTED, VELOCITY
 from ..schemes.rigid import WHERE_CLOSED as CONDITION
 from ..trajectory.recorder import reaction_counts
 from ..trajectory.records import ContactRecord, Ledger, step_ledger
-from .probe import Coordinates, StepMap
+from .propagator import Coordinates, StepMap
 
 STEPS_PER_PIECE = 4096
 FREE_STEPS = 200  # after which it has all that one unit force will give it

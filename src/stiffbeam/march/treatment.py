@@ -67,18 +67,10 @@ class Treatment:
         # The search for several linear springs ends for a symmetric compliance, which gyroscopic terms do not leave.
         return LINEAR if all_linear(contacts) and not (len(contacts) > 1 and system.gyroscopic) else BY_LAW
 
-    def takes(self, scheme: Scheme) -> bool:
-        """Return True if the scheme has a form for this treatment: a mean force takes one that conserves the energy of
-        the linear system under a constant force."""
-        return not self.means or scheme.conserving is not None
-
-    def form_of(self, scheme: Scheme) -> Scheme:
-        """Return the form of the scheme for this treatment. Raises InputError for a scheme without one."""
-        form = scheme.conserving if self.means else scheme
-        if form is None:
-            rule = f"conserve the energy of the linear system for the conserving contact, as {scheme} does not"
-            raise InputError("scheme", str(scheme), rule, "use Trapezoidal or ExponentialFlow")
-        return form
+    def form_of(self, scheme: Scheme) -> Scheme | None:
+        """Return the form of the scheme for this treatment: for a mean force one that conserves the energy of the linear
+        system under a constant force, None for a scheme without one."""
+        return scheme.conserving if self.means else scheme
 
 
 _ALL = Treatment("implicit"), Treatment("extrapolated", predicts=True), Treatment("conserving", means=True)

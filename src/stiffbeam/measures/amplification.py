@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, number, numbers, one_of
-from ..march.probe import components
+from ..march.propagator import components
 from ..model.equations import Equation
 from ..model.modes import modes
 from ..schemes import Scheme

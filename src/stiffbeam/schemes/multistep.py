@@ -38,11 +38,6 @@ class MeanReaction(Scheme):
         y = self.advance(equation, dt, z[:-1], z[-1], loads[0], reactions[0])
         return np.concatenate([y, loads[0][None]]), [y]
 
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """Parameters of the original scheme."""
-        return self.scheme.parameters
-
     def label(self, digits: int | None = None) -> str:
         """Label of the original scheme."""
         return self.scheme.label(digits)

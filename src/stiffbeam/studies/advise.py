@@ -104,7 +104,7 @@ class Advise(Study):
     def _candidates(self, case: Case, system: System) -> list[tuple[Scheme, str]]:
         contacts = sequence("contacts", self.contacts, "be names")[: None if system.contacts else 1]
         schemes = base.chosen_schemes(case, self.schemes).values()
-        return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].takes(s)]
+        return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].form_of(s)]
 
     def run(self, case: Case) -> list[Row]:
         """A row of kind "run" for every trial, of kind "advised" for the one that is, and remarks."""
