@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -11,15 +11,14 @@ import numpy as np
 from ..basics.arrays import Array, aligned, copied
 from ..basics.resources import afford
 from ..kernels import march as kernel
-from ..kernels.march import EVENT, LINEAR
+from ..kernels.march import EVENT, LINEAR, TALLY, contact_forces
 from ..kernels.march import states as single_steps
-from ..model.contact import all_laws, laws
+from ..model.contact import all_laws, laws, side_at_start
 from ..model.contact import jumps as force_jumps
 from ..model.system import System
 from ..model.time_functions import evaluate
 from ..schemes import Scheme
-from ..trajectory.recorder import CONTACT, end_tallies, forces_at, overflow, record, start_tallies
-from ..trajectory.records import Ledger, step_ledger
+from ..trajectory.records import ContactRecord, Impacts, Ledger, step_ledger
 from ..trajectory.trajectory import SolverFailure
 from .propagator import Coordinates, Forcing, Propagator, StepMap, by_diagonals, independent
 from .treatment import Treatment, require_giving_way, require_moved
@@ -29,6 +28,14 @@ STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled load
 NUMBERS_REPLAYED = 1 << 23  # of their states
 LARGEST = 1 << 27  # numbers in the powers of a step and the rows of loads: 1 GiB
 LEAST, LONGEST = 32, 256  # force nodes of a block
+
+# A tally (..., 8) is what one contact has seen so far. The steps up to SINCE are passed over; SIDE is followed from the
+# start. LAST is |F| at the last step, of laws that are not linear.
+SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
+# An impact is one row of a list of events; ROW is the row of the one that is open, or -1, and its END is -1 too. A
+# contact that is there at t = 0 has a row too, with TIME = AT_START.
+CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(6)
+AT_START = -1.0
 
 
 def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
@@ -250,26 +257,94 @@ class March:
 
     def fields(self) -> dict[str, Any]:
         """Fields of the Trajectory, at the end: outputs, contacts, and when it overflowed."""
-        kept, tip, dt, contacts = self.arrays, self.stepper.system.tip_channel, self.stepper.dt, []
+        kept, tip, dt = self.arrays, self.stepper.system.tip_channel, self.stepper.dt
         diverged = int(kept["diverged"][0])
         # A negative step: the search for the forces of several contacts failed there.
         if diverged < 0:
             reason, remedy = "the forces of several contacts at once were not found", "use a smaller dt, or cvode"
             raise SolverFailure(str(self.stepper.scheme), -diverged * dt, reason, remedy)
-        positions, velocities, tally, law = (kept[name] for name in ("positions", "velocities", "tally", "law"))
         # Include the forces at start and end.
+        tally = kept["tally"]
         if not self.stepper.treatment.means:
-            tally = end_tallies(tally, law, dt, (kept["position"], kept["velocity"]))
-        rows = kept["events"][: kept["cursor"][1]]
-        for c, contact in enumerate(self.system.contacts):
-            # The kernel wrote the rows of one contact in order of time.
-            events = rows[rows[:, CONTACT] == c] if len(tally) > 1 else rows
-            node_forces, forces = (x[:, c] if len(x) else None for x in (kept["node_forces"], kept["contact_forces"]))
-            motion = positions[:, c], velocities[:, c]
-            contacts.append(record(contact.stops, *motion, tally[c], events, self.steps, node_forces, forces))
-        u, v = (np.ascontiguousarray(x[:, tip]) for x in (positions, velocities))  # of one contact views
+            tally = end_tallies(tally, kept["law"], dt, (kept["position"], kept["velocity"]))
+        contacts = tuple(self._record(c, each) for c, each in enumerate(tally))
+        u, v = (np.ascontiguousarray(kept[name][:, tip]) for name in ("positions", "velocities"))
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
-        return {"t": kept["times"], "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
+        return {"t": kept["times"], "tip": u, "tip_velocity": v, "contacts": contacts, "diverged": when}
+
+    def _record(self, c: int, tally: Array) -> ContactRecord:
+        """The record of contact c with its tally."""
+        kept, stops = self.arrays, self.system.contacts[c].stops
+        position, velocity = kept["positions"][:, c], kept["velocities"][:, c]
+        if len(kept["contact_forces"]):
+            force = kept["contact_forces"][:, c]
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
+                force = stops.force(position, velocity)
+        # A force that jumps does not follow from the state: the node's counts where there is one.
+        if stops.jumps:
+            at_nodes = kept["node_forces"][:, c]
+            force = np.where(np.isnan(at_nodes), force, at_nodes)
+        # The kernel wrote the rows of one contact in order of time.
+        rows = kept["events"][: kept["cursor"][1]]
+        times, sides, peaks, impulses, ends = rows[rows[:, CONTACT] == c, TIME : END + 1].T.copy()
+        still = ends < 0.0  # open, without peak, impulse or end
+        peaks[still] = impulses[still] = ends[still] = np.nan
+        stop_sides = sides.astype(np.int64)
+        impacts = Impacts(times=times, ends=ends, stops=stop_sides, peaks=peaks, impulses=impulses, kind="sampled")
+        impacts, (peak, impulse) = impacts.started(times == AT_START), tally[PEAK : IMPULSE + 1].tolist()
+        fraction = float(tally[TOUCHING] / max(1.0, self.steps - tally[SINCE]))  # of the steps after SINCE
+        return ContactRecord(stops, position, velocity, force, impacts, fraction, peak, impulse)
+
+
+def forces_at(u: Array, v: Array, law: Array) -> Array:
+    """F (m,) on the bodies at positions and velocities (C,), the contacts first, under laws (m, 6)."""
+    return contact_forces(u[: len(law)], v[: len(law)], law)
+
+
+def start_tallies(u: Array, v: Array, law: Array, dt: float, means: bool, since: int = 0) -> tuple[Array, Array]:
+    """Tallies (m, 8) of the steps after ``since``, from positions and velocities (C,) at t = 0, the contacts first; and
+    rows of the contacts that are there, open, to begin the list of events with.
+
+    Peaks and impulses begin with those of the force at t = 0, half of which the trapezoidal rule takes, but of means.
+    """
+    m = len(law)
+    tally = np.zeros((m, TALLY))
+    tally[:, ROW], tally[:, SINCE] = -1.0, since
+    tally[:, SIDE] = side_at_start(u[:m], v[:m], law)
+    # A tally that begins later leaves out the contact at t = 0.
+    contact = np.flatnonzero(tally[:, SIDE]) if not since else np.zeros(0, int)
+    rows = np.zeros((len(contact), EVENT))
+    if len(contact):
+        size = np.abs(forces_at(u, v, law))[contact]
+        rows[:, CONTACT], rows[:, TIME], rows[:, END] = contact, AT_START, -1.0
+        rows[:, STOP], rows[:, IMPACT_PEAK] = tally[contact, SIDE], size
+        rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size
+        tally[contact, PEAK], tally[contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
+        tally[contact, ROW] = np.arange(len(contact))
+    return tally, rows
+
+
+def end_tallies(tally: Array, law: Array, dt: float, last: tuple[Array, Array]) -> Array:
+    """The tallies (m, 8) with impulses by the trapezoidal rule, which takes half of the force at the last step.
+    last: (u, u') there, each (C,) with the contacts first. A tally that begins later stays."""
+    closed = (tally[:, SIDE] != 0.0) & (tally[:, SINCE] == 0.0)
+    if not closed.any():
+        return tally
+    # A force that jumps does not follow from the last state: the tally keeps it.
+    size = np.where(force_jumps(all_laws(law)), tally[:, LAST], np.abs(forces_at(*last, law)))
+    tally = tally.copy()
+    with np.errstate(over="ignore", invalid="ignore"):
+        tally[:, IMPULSE] -= np.where(closed, 0.5 * dt * size, 0.0)
+    return tally
+
+
+def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
+    """Time at which a force overflowed although no position did: the first impact whose impulse is beyond float64, at
+    the latest t_end. NaN if none did."""
+    if all(np.isfinite(contact.impulse) for contact in contacts):
+        return float("nan")
+    return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
 
 
 def jumping(law: Array) -> bool:

@@ -68,8 +68,8 @@ class Treatment:
         return LINEAR if all_linear(contacts) and not (len(contacts) > 1 and system.gyroscopic) else BY_LAW
 
     def form_of(self, scheme: Scheme) -> Scheme | None:
-        """Return the form of the scheme for this treatment: for a mean force one that conserves the energy of the linear
-        system under a constant force, None for a scheme without one."""
+        """Return the form of the scheme for this treatment, None where it has none: a mean force takes one that
+        conserves the energy of the linear system under a constant force."""
         return scheme.conserving if self.means else scheme
 
 

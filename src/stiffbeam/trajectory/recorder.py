@@ -1,8 +1,8 @@
-"""The contacts of a fixed-step run, as records."""
+"""Records of contacts from positions, velocities and reactions, and the runs of other programs as records."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -12,93 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, step_lengths
 from ..basics.validation import InputError, numbers
-from ..kernels.march import EVENT, TALLY, contact_forces, switch_time
-from ..model.contact import Stops, all_laws, channel_motion, jumps, side_at_start
+from ..kernels.march import switch_time
+from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.system import System, require_system
 from .records import ContactRecord, Impacts, step_ledger
 
-# A tally (..., 8) is what one contact has seen so far. The steps up to SINCE are passed over; SIDE is followed from the
-# start. LAST is |F| at the last step, of laws that are not linear.
-SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
-# An impact is one row of a list of events; ROW is the row of the one that is open, or -1, and its END is -1 too. A
-# contact that is there at t = 0 has a row too, with TIME = AT_START.
-CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(6)
-AT_START = -1.0
 AT_REST = 1e-12  # of a position: so near a rigid stop a body is on it
-
-
-def forces_at(u: Array, v: Array, law: Array) -> Array:
-    """F (m,) on the bodies at positions and velocities (C,), the contacts first, under laws (m, 6)."""
-    return contact_forces(u[: len(law)], v[: len(law)], law)
-
-
-def start_tallies(u: Array, v: Array, law: Array, dt: float, means: bool, since: int = 0) -> tuple[Array, Array]:
-    """Tallies (m, 8) of the steps after ``since``, from positions and velocities (C,) at t = 0, the contacts first; and
-    rows of the contacts that are there, open, to begin the list of events with.
-
-    Peaks and impulses begin with those of the force at t = 0, half of which the trapezoidal rule takes, but of means.
-    """
-    m = len(law)
-    tally = np.zeros((m, TALLY))
-    tally[:, ROW], tally[:, SINCE] = -1.0, since
-    tally[:, SIDE] = side_at_start(u[:m], v[:m], law)
-    # A tally that begins later leaves out the contact at t = 0.
-    contact = np.flatnonzero(tally[:, SIDE]) if not since else np.zeros(0, int)
-    rows = np.zeros((len(contact), EVENT))
-    if len(contact):
-        size = np.abs(forces_at(u, v, law))[contact]
-        rows[:, CONTACT], rows[:, TIME], rows[:, END] = contact, AT_START, -1.0
-        rows[:, STOP], rows[:, IMPACT_PEAK] = tally[contact, SIDE], size
-        rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size
-        tally[contact, PEAK], tally[contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
-        tally[contact, ROW] = np.arange(len(contact))
-    return tally, rows
-
-
-def end_tallies(tally: Array, law: Array, dt: float, last: tuple[Array, Array]) -> Array:
-    """The tallies (m, 8) with impulses by the trapezoidal rule, which takes half of the force at the last step.
-    last: (u, u') there, each (C,) with the contacts first. A tally that begins later stays."""
-    closed = (tally[:, SIDE] != 0.0) & (tally[:, SINCE] == 0.0)
-    if not closed.any():
-        return tally
-    # A force that jumps does not follow from the last state: the tally keeps it.
-    size = np.where(jumps(all_laws(law)), tally[:, LAST], np.abs(forces_at(*last, law)))
-    tally = tally.copy()
-    with np.errstate(over="ignore", invalid="ignore"):
-        tally[:, IMPULSE] -= np.where(closed, 0.5 * dt * size, 0.0)
-    return tally
-
-
-def record(
-    stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int,
-    node_forces: Array | None, force: Array | None,
-) -> ContactRecord:  # fmt: skip
-    """The record of a contact with its rows of ``events`` in a run of so many ``steps``.
-
-    force: at the output times, where it has been computed. node_forces: those that nodes have there, NaN for none.
-    """
-    if force is None:
-        with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
-            force = stops.force(position, velocity)
-    # A force that jumps does not follow from the state: the node's counts where there is one.
-    if node_forces is not None and stops.jumps:
-        force = np.where(np.isnan(node_forces), force, node_forces)
-    times, sides, peaks, impulses, ends = events[:, TIME : END + 1].T.copy()  # the columns side by side
-    still = ends < 0.0  # open, without peak, impulse or end
-    peaks[still] = impulses[still] = ends[still] = np.nan
-    stop_sides = sides.astype(np.int64)
-    impacts = Impacts(times=times, ends=ends, stops=stop_sides, peaks=peaks, impulses=impulses, kind="sampled")
-    impacts = impacts.started(times == AT_START)
-    fraction = float(tally[TOUCHING] / max(1.0, steps - tally[SINCE]))  # of the steps after SINCE
-    return ContactRecord(stops, position, velocity, force, impacts, fraction, float(tally[PEAK]), float(tally[IMPULSE]))
-
-
-def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
-    """Time at which a force overflowed although no position did: the first impact whose impulse is beyond float64, at
-    the latest t_end. NaN if none did."""
-    if all(np.isfinite(contact.impulse) for contact in contacts):
-        return float("nan")
-    return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
 
 
 def impacts_in(
