@@ -65,7 +65,7 @@ FAULTS = [
     # marches
     ("march", "march/block_march.py", "rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size", "rows[:, IMPACT_IMPULSE] = 0.5 * dt * size"),
     ("march", "trajectory/recorder.py", "np.flatnonzero(side[1:] != side[:-1]) + 1).tolist()", "np.flatnonzero(side[1:] != side[:-1])).tolist()"),
-    ("march", "march/block_march.py", "if not closed.any():", "if True:"),
+    ("march", "march/block_march.py", "if side and not since", "if not side and not since"),
     ("march", "march/block_march.py", "times = ((first + np.arange(steps))", "times = (np.arange(steps)"),
     ("march", "march/treatment.py", "predicts=True", "predicts=False"),
     ("march", "march/treatment.py", "return LINEAR if all_linear(contacts) and", "return LINEAR if"),

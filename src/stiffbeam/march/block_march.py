@@ -263,11 +263,7 @@ class March:
         if diverged < 0:
             reason, remedy = "the forces of several contacts at once were not found", "use a smaller dt, or cvode"
             raise SolverFailure(str(self.stepper.scheme), -diverged * dt, reason, remedy)
-        # Include the forces at start and end.
-        tally = kept["tally"]
-        if not self.stepper.treatment.means:
-            tally = end_tallies(tally, kept["law"], dt, (kept["position"], kept["velocity"]))
-        contacts = tuple(self._record(c, each) for c, each in enumerate(tally))
+        contacts = tuple(self._record(c, tally) for c, tally in enumerate(kept["tally"]))
         u, v = (np.ascontiguousarray(kept[name][:, tip]) for name in ("positions", "velocities"))
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
         return {"t": kept["times"], "tip": u, "tip_velocity": v, "contacts": contacts, "diverged": when}
@@ -292,8 +288,13 @@ class March:
         peaks[still] = impulses[still] = ends[still] = np.nan
         stop_sides = sides.astype(np.int64)
         impacts = Impacts(times=times, ends=ends, stops=stop_sides, peaks=peaks, impulses=impulses, kind="sampled")
-        impacts, (peak, impulse) = impacts.started(times == AT_START), tally[PEAK : IMPULSE + 1].tolist()
-        fraction = float(tally[TOUCHING] / max(1.0, self.steps - tally[SINCE]))  # of the steps after SINCE
+        impacts = impacts.started(times == AT_START)
+        side, touching, peak, impulse, _, since, last, _ = tally.tolist()
+        # The trapezoidal rule takes half of the force at the last step. A tally that begins later stays, as do means.
+        if side and not since and not self.stepper.treatment.means:
+            at_end = forces_at(kept["position"], kept["velocity"], kept["law"])[c]
+            impulse -= 0.5 * self.stepper.dt * (last if stops.jumps else abs(float(at_end)))
+        fraction = touching / max(1.0, self.steps - since)  # of the steps that it counts
         return ContactRecord(stops, position, velocity, force, impacts, fraction, peak, impulse)
 
 
@@ -323,20 +324,6 @@ def start_tallies(u: Array, v: Array, law: Array, dt: float, means: bool, since:
         tally[contact, PEAK], tally[contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
         tally[contact, ROW] = np.arange(len(contact))
     return tally, rows
-
-
-def end_tallies(tally: Array, law: Array, dt: float, last: tuple[Array, Array]) -> Array:
-    """The tallies (m, 8) with impulses by the trapezoidal rule, which takes half of the force at the last step.
-    last: (u, u') there, each (C,) with the contacts first. A tally that begins later stays."""
-    closed = (tally[:, SIDE] != 0.0) & (tally[:, SINCE] == 0.0)
-    if not closed.any():
-        return tally
-    # A force that jumps does not follow from the last state: the tally keeps it.
-    size = np.where(force_jumps(all_laws(law)), tally[:, LAST], np.abs(forces_at(*last, law)))
-    tally = tally.copy()
-    with np.errstate(over="ignore", invalid="ignore"):
-        tally[:, IMPULSE] -= np.where(closed, 0.5 * dt * size, 0.0)
-    return tally
 
 
 def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
