@@ -61,8 +61,7 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
 
 
 class Stepper:
-    """A scheme on a system in coordinates, in blocks of ``length`` steps: what all members of an ensemble share,
-    computed once.
+    """A scheme on a system in coordinates, in blocks of ``length`` steps: what the members of an ensemble share.
 
     The propagators of the starter and of the blocks contain the linear part only. Members may differ in initial data,
     in their stops and in the frequencies and amplitudes of their harmonic loads. rule: how nodes find their forces.

@@ -295,8 +295,7 @@ class Propagator:
     loads, with g(t) at the block's start, ``inflow`` the share of others; all else is the same for every load.
 
     rule: how a node finds its force: LINEAR, BY_LAW, with the velocities at the nodes among the entries, or MEAN.
-    reduced: without the components of the state that only add to others, see ``independent``. c: for C the arrays of a
-    Block, see march.h.
+    reduced: without the components of the state that only add to others, see ``independent``. c: a Block, see march.h.
     """
 
     def __init__(
@@ -361,8 +360,7 @@ class Propagator:
     def inflow(self, starts: Array, last: float) -> dict[str, Array]:
         """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,), as arrays of a Run.
 
-        No function is asked for times of steps that start after ``last``: a block may run past the end, its surplus
-        steps are dropped.
+        No function is asked for times of steps that start after ``last``: a block may run past the end.
         """
         if self.harmonic:
             return {}

@@ -94,8 +94,7 @@ def amplification(
     Raises
     ------
     InputError
-        For steps that are not positive, a damping ratio outside [0, 1), and a closed form that the scheme does not
-        state.
+        For steps that are not positive, a damping ratio outside [0, 1), and a closed form that is not stated.
 
     Examples
     --------

@@ -99,8 +99,7 @@ AT_REST = (
 
 
 def remark(system: System, reference: Reference) -> str:
-    """Sentence for a ``system`` whose motion stays at rest or touches no stop, or the reason why the reference ends its
-    horizon; "" for others."""
+    """Sentence for a ``system`` that stays at rest or touches no stop, or the reason for the horizon, else ""."""
     if scales(system, float(reference.provenance["t_end"])).speed == 0.0:
         return AT_REST
     if "horizon_ends" in reference.provenance:

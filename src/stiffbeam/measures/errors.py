@@ -20,8 +20,7 @@ from ..trajectory.trajectory import Reference, Trajectory
 def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
     """``run``, or its arrays (t, tip), (t, tip, tip velocity) or (t, q, v) as a run of the reference's system.
 
-    Raises InputError where they are something else or of two systems, with what differs, and where the reference has
-    no horizon.
+    Raises InputError where they are something else or of two systems, with what differs, or without a horizon.
     """
     if isinstance(run, (tuple, list)) and len(run) in (2, 3) and isinstance(reference, Reference):
         run = Trajectory.from_arrays(*run, system=reference.system)
@@ -136,8 +135,7 @@ class Matching:
 
 
 def longest_delay(system: System, t_end: float) -> float:
-    """A quarter of the longest time scale of a run to t_end. An impact that is later belongs to no impact of the
-    reference."""
+    """A quarter of the longest time scale of a run to t_end. Impacts that are later are no pair."""
     return 0.25 * scales(system, t_end).period
 
 

@@ -60,8 +60,7 @@ class ContactStatistics:
 
 
 def slim(run: Trajectory, outputs: int | None = None) -> Trajectory:
-    """The part of a run that an ensemble keeps: tip and velocity at the first ``outputs`` of its times, and the
-    statistics of its contacts."""
+    """The part of a run that an ensemble keeps: tip and velocity at the first ``outputs`` times, and its statistics."""
     none = np.zeros(0)
     contacts = tuple(replace(c, position=none, velocity=none, force=none) for c in run.contacts)
     motion = {name: getattr(run, name)[:outputs].copy() for name in ("t", "tip", "tip_velocity")}
@@ -86,8 +85,7 @@ class Ensemble(Saved):
         ``steps`` counts member-steps.
     provenance : dict
     ledger : callable
-        ledger(i): the energy ledger of member i at the output times, or at start and end where there are none, from a
-        second run of the member.
+        ledger(i): the energy ledger of member i at the output times, or at start and end, from a second run.
 
     Examples
     --------

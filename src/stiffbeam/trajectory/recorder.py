@@ -78,8 +78,7 @@ def totals(t: Array, force: Array) -> tuple[float, float, float]:
 
 
 def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
-    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,). Times of entry and exit: see
-    ``Impacts``.
+    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,), see ``Impacts``.
 
     Against rigid stops positions tell impacts, see ``rebounds``, not forces: these are NaN.
     """
