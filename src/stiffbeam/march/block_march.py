@@ -73,13 +73,15 @@ class Stepper:
         self.coordinates, self.scheme, self.dt, self.treatment, self.rule = coordinates, scheme, dt, treatment, rule
         self.system = coordinates.system
         self.kind = "dense blocks" if coordinates.basis is None else "modal blocks"  # in ``provenance["march"]``
-        given, starter = (coordinates, dt), scheme.starter
+        self.block = Propagator(scheme, coordinates, dt, length, treatment, rule)
+        self.propagators = [self.block]  # in the order of time
         # The starter hands over whole states, so that none of its components is left out.
-        self.starter = None if starter is None else Propagator(starter, *given, 1, treatment, rule, reduced=False)
-        self.block = Propagator(scheme, *given, length, treatment, rule)
+        if scheme.starter is not None:
+            starter = Propagator(scheme.starter, coordinates, dt, 1, treatment, rule, reduced=False)
+            self.propagators.insert(0, starter)
         # A force that depends on velocity is unique only where these hold.
-        for each in (self.starter, self.block):
-            if each is not None and len(each.entries.rates):
+        for each in self.propagators:
+            if len(each.entries.rates):
                 require_giving_way(each.one.scheme, *each.compliances)
         self.own_launch = self.launch(self.system, 0)
 
@@ -127,7 +129,7 @@ class Stepper:
 
         starts: (B, D + ...), the states at the start of each block; forces: (B, N), those in it.
         """
-        one, (B, _), K = propagator.one if propagator is self.starter else self.single, starts.shape, propagator.steps
+        one, (B, _), K = self.single if propagator is self.block else propagator.one, starts.shape, propagator.steps
         S, m, n, N = len(one.readers.nodes), len(member.contacts), one.coordinates.parts, one.coordinates.rows.shape[1]
         at_nodes = forces[:, : propagator.nodes].reshape(B * K, S, m)
         # What acts, in the order of a StepMap: the contacts, then the loads, each of them node by node.
@@ -156,11 +158,10 @@ class Stepper:
         tally, events = start_tallies(u, v, law, self.dt, self.treatment.means, since)
         begun = {"law": law, "position": u, "velocity": v, "tally": tally, "events": events}
         start = self.coordinates.start(member.q0, member.v0)
-        begun["z"] = self.packed(self.starter or self.block, member, 0.0, [start], begun)
+        begun["z"] = self.packed(self.propagators[0], member, 0.0, [start], begun)
         # Where a force jumps at its stop, every node must yield to it.
-        for each in (self.starter, self.block) if jumping(law) else ():
-            if each is not None:
-                require_moved(each.one.scheme, each.compliances[0])
+        for each in self.propagators if jumping(law) else ():
+            require_moved(each.one.scheme, each.compliances[0])
         return begun, start
 
     def packed(
@@ -214,8 +215,8 @@ class March:
         stepper, scheme = self.stepper, self.stepper.scheme
         history = [self._start]
         # A multistep scheme begins with its starter, step by step; the states are its history, newest first.
-        if stepper.starter is not None:
-            one, forcing = stepper.starter, self.forcing(stepper.starter)
+        for one in stepper.propagators[:-1]:
+            forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
                 yield self._segment(one, forcing, 1, replayed)
                 history.insert(0, one.unpack(self.arrays["z"])[:2])
@@ -285,8 +286,7 @@ class March:
         times, sides, peaks, impulses, ends = rows[rows[:, CONTACT] == c, TIME : END + 1].T.copy()
         still = ends < 0.0  # open, without peak, impulse or end
         peaks[still] = impulses[still] = ends[still] = np.nan
-        stop_sides = sides.astype(np.int64)
-        impacts = Impacts(times=times, ends=ends, stops=stop_sides, peaks=peaks, impulses=impulses, kind="sampled")
+        impacts = Impacts.at(times, sides, "sampled", ends=ends, peaks=peaks, impulses=impulses)
         impacts = impacts.started(times == AT_START)
         side, touching, peak, impulse, _, since, last, _ = tally.tolist()
         # The trapezoidal rule takes half of the force at the last step. A tally that begins later stays, as do means.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, overload
 
@@ -46,10 +46,8 @@ class PhaseLag:
     undefined: str = ""
 
 
-def phase_lag(
-    t: Array, u: Array, v: Array, reference: Callable[[Array], Array], end: float, drive: float, first: float
-) -> PhaseLag:
-    """The lag of a run (t, u, u') behind u_ref over t_j in [tau_m, end - tau_m], |tau| <= tau_m.
+def phase_lag(t: Array, u: Array, v: Array, u_ref: Array, end: float, drive: float, first: float) -> PhaseLag:
+    """The lag of a run (t, u, u') behind u_ref (k,) at its times, over t_j in [tau_m, end - tau_m], |tau| <= tau_m.
 
     tau_m = pi/(2 max(a, w1)) with the drive frequency a = ``drive`` and the lowest natural frequency
     w1 = ``first``. u_run between its steps is the cubic Hermite interpolant. A grid of 401 shifts, then
@@ -62,8 +60,7 @@ def phase_lag(
         return PhaseLag(undefined=f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
     # The ends are left out, so that every shifted time lies in the window.
     counted = (t >= tau_m) & (t <= end - tau_m)
-    inside, weights = t[counted], step_lengths(t)[counted]
-    target = reference(inside)
+    inside, weights, target = t[counted], step_lengths(t)[counted], u_ref[counted]
     scale = float(np.sum(weights * target**2))
     if scale == 0.0:
         return PhaseLag(undefined="the reference is at rest")
@@ -327,7 +324,7 @@ def _compared(run: Any, reference: Reference) -> Comparison:
     # The lag is measured while the impacts match; past that, no shift makes the two motions alike.
     period = scales(system, float(reference.provenance["t_end"])).period
     lag = phase_lag(
-        t[:steps], run.tip[:steps], run.tip_velocity[:steps], lambda times: u_ref[np.searchsorted(t, times)], together,
+        t[:steps], run.tip[:steps], run.tip_velocity[:steps], u_ref, together,
         max(Drive.of(system).frequencies, default=0.0), 2.0 * np.pi / period,
     )  # fmt: skip
     return Comparison(

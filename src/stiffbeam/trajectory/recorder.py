@@ -97,29 +97,6 @@ def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
     return ContactRecord(stops, u, v, force, impacts, *totals(t, force))
 
 
-def reaction_counts(stops: Stops, dt: float, u: Array, means: Array, since: int) -> dict[str, Any]:
-    """Impacts and totals of one contact from its positions u (k + 1,) at steps 0 to k and the mean reactions (k,) of
-    the steps; impacts are counted after step ``since``.
-
-    An impact is a sequence of steps with a reaction of one sign: it begins with the first and ends with the last of
-    them. An impact before a contact at t = 0 has opened is part of that contact. A rigid stop has no largest force but
-    an impulse, so peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
-    """
-    R = np.concatenate([[0.0], means])  # R[n] belongs to step n; there is no reaction before the first
-    between = (u > stops.lower_bound) & (u < stops.upper_bound)
-    # The contact at t = 0 lasts to the step before the first position between the stops.
-    held = int(np.argmax(between)) if np.any(between) else len(u)
-    t, size = np.arange(since, len(R)) * dt, np.abs(R[since:]) * dt
-    size[0] = 0.0
-    counted, sides = R[since + 1 :], -np.sign(R[since:])
-    return {
-        "impacts": impacts_in(t, sides, size, lambda k, side: t[k - 1], not since, max(0, held - since)),
-        "fraction": float(np.mean(counted != 0.0)) if len(counted) else 0.0,
-        "peak_force": float("nan") if np.any(counted) else 0.0,
-        "impulse": float(np.sum(np.abs(counted)) * dt),
-    }
-
-
 NO_STATES = "the run came as arrays without states, (t, q, v)"
 NO_REACTIONS = "arrays, which have no reactions of rigid stops"
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the end: times that are apart by no more are one time

@@ -249,7 +249,7 @@ class Trajectory(Saved):
         return DRAW["run"](self)
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
-        """Write a film, .gif or .mp4, of this run and the runs ``beside`` it; options: ``figures.animation.animate``."""
+        """Write a film, .gif or .mp4, of this run and runs ``beside`` it; options: ``figures.animation.animate``."""
         return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, **options)
 
 
