@@ -51,7 +51,7 @@ class RigidStepper:
         u, v, R = map(np.concatenate, zip(*pieces, strict=True))
         outputs, tip = slice(None if every else 0, None, every), member.tip_channel
         each = zip(member.contacts, u.T, v.T, R.T, strict=False)  # of the channels the contacts are the first
-        records = (self._record(contact.stops, *series, outputs, since) for contact, *series in each)
+        records = (self._record(contact.stops, *x, outputs=outputs, since=since) for contact, *x in each)
         fields = {"t": (np.arange(len(u)) * self.dt)[outputs], "tip": u[outputs, tip], "tip_velocity": v[outputs, tip]}
         return fields | {"contacts": tuple(records), "diverged": diverged}
 
