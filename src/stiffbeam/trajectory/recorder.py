@@ -73,7 +73,7 @@ def totals(t: Array, force: Array) -> tuple[float, float, float]:
     """Share of the time in contact, peak and impulse of a ``force`` (k,) at times t (k,). Every step counts by its end,
     so that the start has no share."""
     size = np.abs(force)
-    share = np.average(size[1:] != 0.0, weights=step_lengths(t)[1:])
+    share = np.average(size[1:] != 0.0, weights=step_lengths(t)[1:]) if len(t) > 1 else 0.0
     return float(share), float(np.max(size)), float(np.trapezoid(size, t))
 
 
