@@ -63,7 +63,7 @@ FAULTS = [
     ("march", "trajectory/records.py", "else touching[1:] | touching[:-1]", "else touching[1:]"),
     ("march", "kernels/march.c", "starts + k / K * D", "starts"),
     # marches
-    ("march", "march/block_march.py", "rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size", "rows[:, IMPACT_IMPULSE] = 0.5 * dt * size"),
+    ("march", "march/block_march.py", "rows[:, IMPACT_IMPULSE] = 0.0 if self.treatment.means else 0.5", "rows[:, IMPACT_IMPULSE] = 0.5"),
     ("march", "trajectory/recorder.py", "np.flatnonzero(side[1:] != side[:-1]) + 1).tolist()", "np.flatnonzero(side[1:] != side[:-1])).tolist()"),
     ("march", "march/block_march.py", "if side and not since", "if not side and not since"),
     ("march", "march/block_march.py", "times = ((first + np.arange(steps))", "times = (np.arange(steps)"),

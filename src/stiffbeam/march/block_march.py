@@ -152,11 +152,27 @@ class Stepper:
         return y, np.full((steps, m), np.nan) if between else at_nodes[:steps, -1]
 
     def launch(self, member: System, since: int) -> tuple[dict[str, Array], Array]:
-        """Arrays of a Run of a member at t = 0, with contacts recorded after step ``since``, among the events those
-        that are there; and y in the coordinates. A march copies what it changes."""
+        """Arrays of a Run of a member at t = 0, with contacts recorded after step ``since``; and y in the coordinates.
+        A march copies what it changes.
+
+        The list of events begins with a row for each contact that is there, open. Peaks and impulses begin with those
+        of the force at t = 0, half of which the trapezoidal rule takes, but of means.
+        """
         law, (u, v) = laws(member.contacts), member.motions(0.0, member.q0, member.v0)
-        tally, events = start_tallies(u, v, law, self.dt, self.treatment.means, since)
-        begun = {"law": law, "position": u, "velocity": v, "tally": tally, "events": events}
+        tally = np.zeros((len(law), TALLY))
+        tally[:, ROW], tally[:, SINCE] = -1.0, since
+        tally[:, SIDE] = side_at_start(u[: len(law)], v[: len(law)], law)
+        # A tally that begins later leaves out the contact at t = 0.
+        contact = np.flatnonzero(tally[:, SIDE]) if not since else np.zeros(0, int)
+        rows = np.zeros((len(contact), EVENT))
+        if len(contact):
+            size = np.abs(forces_at(u, v, law))[contact]
+            rows[:, CONTACT], rows[:, TIME], rows[:, END] = contact, AT_START, -1.0
+            rows[:, STOP], rows[:, IMPACT_PEAK] = tally[contact, SIDE], size
+            rows[:, IMPACT_IMPULSE] = 0.0 if self.treatment.means else 0.5 * self.dt * size
+            tally[contact, PEAK], tally[contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
+            tally[contact, ROW] = np.arange(len(contact))
+        begun = {"law": law, "position": u, "velocity": v, "tally": tally, "events": rows}
         start = self.coordinates.start(member.q0, member.v0)
         begun["z"] = self.packed(self.propagators[0], member, 0.0, [start], begun)
         # Where a force jumps at its stop, every node must yield to it.
@@ -300,29 +316,6 @@ class March:
 def forces_at(u: Array, v: Array, law: Array) -> Array:
     """F (m,) on the bodies at positions and velocities (C,), the contacts first, under laws (m, 6)."""
     return contact_forces(u[: len(law)], v[: len(law)], law)
-
-
-def start_tallies(u: Array, v: Array, law: Array, dt: float, means: bool, since: int = 0) -> tuple[Array, Array]:
-    """Tallies (m, 8) of the steps after ``since``, from positions and velocities (C,) at t = 0, the contacts first; and
-    rows of the contacts that are there, open, to begin the list of events with.
-
-    Peaks and impulses begin with those of the force at t = 0, half of which the trapezoidal rule takes, but of means.
-    """
-    m = len(law)
-    tally = np.zeros((m, TALLY))
-    tally[:, ROW], tally[:, SINCE] = -1.0, since
-    tally[:, SIDE] = side_at_start(u[:m], v[:m], law)
-    # A tally that begins later leaves out the contact at t = 0.
-    contact = np.flatnonzero(tally[:, SIDE]) if not since else np.zeros(0, int)
-    rows = np.zeros((len(contact), EVENT))
-    if len(contact):
-        size = np.abs(forces_at(u, v, law))[contact]
-        rows[:, CONTACT], rows[:, TIME], rows[:, END] = contact, AT_START, -1.0
-        rows[:, STOP], rows[:, IMPACT_PEAK] = tally[contact, SIDE], size
-        rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size
-        tally[contact, PEAK], tally[contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
-        tally[contact, ROW] = np.arange(len(contact))
-    return tally, rows
 
 
 def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:

@@ -110,11 +110,11 @@ class ContactMeasures:
     impulse, the sum of |sigma| dt. Of a solver with events: the share of time, the peak between the steps and the
     integral of |sigma|. event_impacts: the impacts of the trajectory itself; those of a reference are by events."""
 
-    impacts: int
-    event_impacts: int
-    fraction: float
-    peak_force: float
-    impulse: float
+    impacts: int = 0
+    event_impacts: int = 0
+    fraction: float = 0.0
+    peak_force: float = 0.0
+    impulse: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -203,13 +203,9 @@ def _touched(comparisons: Sequence[Comparison]) -> list[int]:
     contacts = range(len(comparisons[0].contacts))
 
     def touches(contact: ContactComparison) -> bool:
-        measures = (contact.run, contact.reference, contact.run_totals, contact.reference_totals)
-        return any(m.impacts or m.event_impacts or m.fraction for m in measures)
+        return any(m.impacts or m.event_impacts or m.fraction for m in (contact.run_totals, contact.reference_totals))
 
     return [i for i in contacts if len(contacts) == 1 or any(touches(c.contacts[i]) for c in comparisons)]
-
-
-NONE = ContactMeasures(0, 0, 0.0, 0.0, 0.0)  # of a run that touches nothing
 
 
 def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
@@ -237,7 +233,7 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
 
     def of_contact(c: Comparison, run: bool, contact: ContactComparison | None) -> dict[str, str]:
         side = ("run" if run else "reference") + "_totals" * to_end
-        x = NONE if contact is None else getattr(contact, side)
+        x = ContactMeasures() if contact is None else getattr(contact, side)
         row = {"impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction)}
         if to_end:
             return row | {force: number(x.peak_force, 4), impulse: number(x.impulse, 4)}

@@ -54,13 +54,28 @@ class _Stopped(RuntimeError):
 
 
 class Diverged(_Stopped):
-    """A run of a scheme that overflowed: its label, the time ``t`` of the first value that is not finite, and a fix."""
+    """A run of a scheme that overflowed. The message gives a fix.
+
+    Parameters
+    ----------
+    scheme, remedy : str
+        Label of the scheme, and a fix.
+    t : float
+        Time of the first value that is not finite.
+    """
 
     joints = " overflowed at t = ", ": "
 
 
 class SolverFailure(_Stopped):
-    """A reference solver that could not go on: its name, the time ``t`` that it had reached, the reason and a fix."""
+    """A reference solver that could not go on. The message gives the reason and a fix.
+
+    Parameters
+    ----------
+    solver, reason, remedy : str
+    t : float
+        The time that the solver had reached.
+    """
 
     joints = " stopped at t = ", ": ", "; "
 
