@@ -200,31 +200,23 @@ def _called(one: Integrator, system: System, dt: float, t_end: float) -> Traject
         work = returned.work if timed else replace(returned.work, seconds=seconds, march_seconds=seconds)
         run = replace(returned, work=work, provenance=returned.provenance | {"method": one.label})
     else:
-        run = replace(run_of(returned, system, one.label), work=Work(round(t_end / dt), seconds, seconds))
+        run = replace(finite_run(returned, system, one.label), work=Work(round(t_end / dt), seconds, seconds))
     if not run.t[-1] >= t_end * (1.0 - SAME_STEP):
         raise SolverFailure(one.label, float(run.t[-1]), "it returned no later times", f"return all to {t_end:g}")
     return run
 
 
-def run_of(arrays: Any, system: System, label: str) -> Trajectory:
+def finite_run(arrays: Any, system: System, label: str) -> Trajectory:
     """Return (t, u) or (t, u, v), u and v the tip (k,) or all unknowns (k, n), as a run.
 
     Raises Diverged where they are not finite from some time on, InputError for anything else.
     """
     if not isinstance(arrays, (tuple, list)) or len(arrays) not in (2, 3):
         raise InputError(label, type(arrays).__name__, "return (t, u) or (t, u, v)", "return a tuple of arrays")
-    t, u, v = (None if x is None else np.asarray(x, float) for x in (*arrays, None)[:3])
-    assert t is not None
-    for x in (u, v):
-        if x is not None and x.ndim and len(x) == len(t):
+    t, *others = (np.asarray(x, float) for x in (arrays if arrays[-1] is not None else arrays[:-1]))
+    for x in others:
+        if x.ndim and len(x) == len(t):
             bad = ~np.all(np.isfinite(x.reshape(len(x), -1)), axis=1)
             if np.any(bad):
                 raise Diverged(label, float(t[np.argmax(bad)]), "more steps may help")
-    if u is not None and u.ndim == 2 and v is None:
-        u = system.positions(t, u)[:, system.tip_channel]
-    row, offset = system.channels[system.tip_channel]
-    if system.size == 1 and u is not None and v is not None and u.ndim == v.ndim == 1 and row == 1.0 and offset is None:
-        u, v = u[:, None], v[:, None]  # the tip is the one unknown
-    states = (u, v) if u is not None and u.ndim == 2 and v is not None else None
-    tips = (u, v) if states is None else (None, None)
-    return Trajectory.from_arrays(t, *tips, system=system, states=states, name=label)
+    return Trajectory.from_arrays(t, *others, system=system, name=label)

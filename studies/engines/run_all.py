@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.integrators import FUNCTION, Integrator, run_of
+from stiffbeam.integrators import FUNCTION, Integrator, finite_run
 from stiffbeam.testset.problem import folder
 from stiffbeam.trajectory.trajectory import Work
 
@@ -51,7 +51,7 @@ def recorded(out: Path) -> Integrator:
         if not (file := out / f"{name}-{steps}.npz").is_file():
             raise sb.Diverged(record["engine"], 0.0, "the adapter has written no run of these steps")
         with np.load(file) as arrays:
-            made = run_of((arrays["t"], arrays["q"], arrays["v"]), system, record["engine"])
+            made = finite_run((arrays["t"], arrays["q"], arrays["v"]), system, record["engine"])
             seconds = float(arrays["seconds"])
         return replace(made, work=Work(int(steps), seconds, seconds))
 

@@ -58,7 +58,7 @@ def results() -> dict:
         "calm": sb.integrate(sb.paper_case(10).system(), sb.BDF2(), 1e-5, 1e-4),
         "without contact": sb.integrate(sb.semidiscretise(free, 8), sb.BDF2(), 1e-3, 0.05),
         "lower stop": sb.integrate(sb.semidiscretise(sb.paper_case(14).problem, 10), sb.HHT(-0.01), 5e-5, 0.05),
-        "arrays": sb.Trajectory.from_arrays(run.t, states=run.states, system=system()),
+        "arrays": sb.Trajectory.from_arrays(run.t, *run.states, system()),
         "unknown contact": sb.Trajectory.from_arrays(other.t, other.tip, other.tip_velocity, unknown),
         "rigid stop": sb.integrate(one_mass(1.0, wall, v=1.0), sb.MoreauJean(), 1e-2, 5.0),
         "reference": exact,

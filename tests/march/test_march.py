@@ -17,16 +17,16 @@ from systems import MOVING, chain, one_mass, random_chain, rotor, stop, with_sto
 
 import stiffbeam as sb
 from stiffbeam.march import block_march
-from stiffbeam.march.probe import Coordinates
+from stiffbeam.march.propagator import Coordinates
 from stiffbeam.march.treatment import TREATMENTS
 from stiffbeam.model.modes import modes
 from stiffbeam.model.time_functions import evaluate
 from stiffbeam.schemes import PrintedSigma, UnweightedHHT, registered
-from stiffbeam.trajectory.recorder import sampled_impacts
+from stiffbeam.trajectory.recorder import sampled_record
 from stiffbeam.trajectory.records import Ledger, step_ledger
 
 SCHEMES = [*registered(), UnweightedHHT(-0.1), PrintedSigma()]
-PAIRS = [(scheme, name) for scheme in SCHEMES for name in TREATMENTS if TREATMENTS[name].takes(scheme)]
+PAIRS = [(scheme, name) for scheme in SCHEMES for name in TREATMENTS if TREATMENTS[name].form_of(scheme)]
 SMOOTH = [{}, {}, {"exponent": 1.5}]
 EPS = np.finfo(float).eps
 
@@ -298,7 +298,7 @@ def test_a_flight_over_the_whole_gap_inside_one_step_counts_the_second_stop():
     """u jumps from the upper to the lower stop: chi changes sign and the crossing of the lower is timed."""
     t = np.arange(5) * 0.5
     u, v = 1.2 * np.cos(2 * np.pi * t), -2.4 * np.pi * np.sin(2 * np.pi * t)
-    impacts = sampled_impacts(t, u, v, sb.Stops(-1.0, 1.0, stiffness=1.0))
+    impacts = sampled_record(t, u, v, sb.Stops(-1.0, 1.0, stiffness=1.0)).impacts
     assert list(impacts.stops) == [-1, 1, -1, 1]
     assert np.all((impacts.times > t[:-1]) & (impacts.times < t[1:]))
 

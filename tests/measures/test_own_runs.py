@@ -23,7 +23,7 @@ def measured(table10):
 
 def test_arrays_with_states_give_every_measure_of_the_run_itself(measured):
     system, run, ref = measured
-    own = sb.Trajectory.from_arrays(run.t, run.tip, run.tip_velocity, system, states=run.states, name="mine")
+    own = sb.Trajectory.from_arrays(run.t, *run.states, system, name="mine")
     a, b = sb.compare(run, ref).to_dict(), sb.compare(own, ref).to_dict()
     assert b["label"] == "mine@displacement"
     assert b["missing"] == []
@@ -32,9 +32,8 @@ def test_arrays_with_states_give_every_measure_of_the_run_itself(measured):
         for x, y in zip(numbers(a[name]), numbers(b[name]), strict=True):
             assert x == y or abs(x - y) <= 1e-9 * abs(x), name  # the ledger is added up in another order
     assert np.array_equal(own.displacement(1.0), run.displacement(1.0))
-    without_tip = sb.Trajectory.from_arrays(run.t, system=system, states=run.states)
-    assert np.max(np.abs(without_tip.tip - run.tip)) < 1e-12 * np.max(np.abs(run.tip))
-    assert sb.compare([run.t, *run.states], ref).to_dict() == sb.compare(without_tip, ref).to_dict()
+    assert np.max(np.abs(own.tip - run.tip)) < 1e-12 * np.max(np.abs(run.tip))
+    assert sb.compare([run.t, *run.states], ref).to_dict() == b | {"label": "own@displacement"}
 
 
 def test_thinned_times_are_told_from_the_impacts_that_they_cannot_show(measured):
@@ -147,8 +146,7 @@ def test_a_run_against_rigid_stops_has_its_impacts_read_from_its_steps(given, wh
     t = run.t if whose != "uneven" else np.cumsum(np.append(0.0, np.random.default_rng(2).uniform(2e-4, 1.8e-3, 1400)))
     t = np.append(t[t < 1.2999], 1.3)
     q, v = (x[: len(t)] for x in run.states) if whose == "scheme" else ref.state_at(t)
-    arrays = {"states": (q, v)} if given == "states" else {"tip": q[:, 0], "tip_velocity": v[:, 0]}
-    own = sb.Trajectory.from_arrays(t, system=system, **arrays)
+    own = sb.Trajectory.from_arrays(t, *((q, v) if given == "states" else (q[:, 0], v[:, 0])), system)
     times = own.impacts.times
     found = sb.compare(own, ref)
     assert len(times) == found.contacts[0].run.impacts == found.contacts[0].reference.impacts == 5
@@ -178,7 +176,7 @@ def test_a_rigid_contact_away_from_the_tip_is_unknown_without_states():
     assert [c.run.impacts for c in bare.contacts] == [-1, -1]
     assert any("velocities at a rigid stop" in note for note in bare.missing)
     assert np.isnan(own.matched_until)
-    whole = sb.compare(sb.Trajectory.from_arrays(t, system=system, states=ref.state_at(t)), ref)
+    whole = sb.compare(sb.Trajectory.from_arrays(t, *ref.state_at(t), system), ref)
     assert [c.run.impacts for c in whole.contacts] == [1, 2]
 
 
@@ -187,7 +185,7 @@ def test_states_at_times_of_ones_own_give_their_ledger(measured):
     system, run, _ = measured
     rows = thinned(run)
     q, v = (x[rows] for x in run.states)
-    own = sb.Trajectory.from_arrays(run.t[rows], system=system, states=(q, v))
+    own = sb.Trajectory.from_arrays(run.t[rows], q, v, system)
     assert np.array_equal(own.states[0], q)
     assert np.array_equal(own.energy.t, run.t[rows])
     assert np.allclose(own.energy.energy, run.energy.energy[rows], rtol=1e-12)
@@ -211,7 +209,7 @@ def test_a_contact_that_the_tip_does_not_show_is_unknown_and_not_free():
         assert np.isnan(contact.matching.first_error)
     assert any(m.startswith("contact") for m in found.missing)
     assert "–" in str(found)
-    whole = sb.compare(sb.Trajectory.from_arrays(t, system=elsewhere, states=ref.state_at(t)), ref)
+    whole = sb.compare(sb.Trajectory.from_arrays(t, *ref.state_at(t), elsewhere), ref)
     assert whole.matched_until == whole.window
 
 
@@ -237,10 +235,10 @@ def test_a_run_of_ones_own_travels_and_is_saved(measured, tmp_path):
         (([0.0, 0.1, 0.2], [0.0, 1.0]), "tip"),
         (([0.0, 0.1, 0.2], [0.0, np.nan, 1.0]), "tip"),
         (([0.0, 0.1, 0.2], [0.0, 0.0, 1.0], [0.0]), "tip_velocity"),
-        (([0.0, 0.1, 0.2],), "tip"),
+        (([0.0, 0.1, 0.2], None), "tip"),
         (([0.0, 0.1, 0.2], "abc"), "tip"),
         (([0.0, 0.1, 0.2], [0.0, 0.0, 1.0], None, "system"), "system"),
-        (([0.0, 0.1, 0.2], [0.0, 0.0, 1.0], None, None, (1, 2)), "states"),
+        (([0.0, 0.1, 0.2], np.zeros((3, 2))), "tip"),
     ],
 )
 def test_what_is_no_run_is_refused(arguments, field):
@@ -272,14 +270,16 @@ def test_the_refusal_of_another_system_says_what_differs(change, differs):
     assert ("decimal" in str(caught.value)) == ("exact" in differs)
 
 
-def test_velocities_of_states_are_those_of_the_tip():
-    """Where the tip is given too: no spline is put through it."""
+def test_the_only_unknown_is_the_tip_and_its_arrays_are_states():
+    """No spline is put through the tip, and the energy is known."""
     system = sb.System.from_matrices([[1.0]], [[9.0]], observe=[1.0], initial_velocity=[1.0])
     t = np.linspace(0.0, 2.0, 9)  # far too few for a spline
     q, v = np.sin(3.0 * t) / 3.0, np.cos(3.0 * t)
-    run = sb.Trajectory.from_arrays(t, q, system=system, states=(q[:, None], v[:, None]))
-    assert np.array_equal(run.tip_velocity, v)
-    assert "tip_velocity" not in run.provenance
+    for columns in ((q, v), (q[:, None], v[:, None])):
+        run = sb.Trajectory.from_arrays(t, *columns, system)
+        assert np.array_equal(run.tip_velocity, v)
+        assert "tip_velocity" not in run.provenance
+        assert np.allclose(run.energy.energy, 0.5 * (v**2 + 9.0 * q**2))
 
 
 def test_what_compare_cannot_take_comes_with_its_own_remedy(measured):

@@ -28,7 +28,7 @@ def runge_kutta(system, dt, t_end):
 
 def recorded(system, dt, t_end, name="radau"):
     t, q, v = runge_kutta(system, dt, t_end)
-    return sb.Trajectory.from_arrays(t, states=(q, v), system=system, name=name)
+    return sb.Trajectory.from_arrays(t, q, v, system, name)
 
 
 def test_each_kind_has_a_label_of_its_own(tmp_path, monkeypatch):
@@ -69,7 +69,7 @@ def test_compare_takes_functions_recorded_runs_and_solvers():
 
     system, dt, t_end = pair(), 0.01, 0.6
     t, *states = eighths(system, dt, t_end)
-    runs = ["trapezoidal", eighths, sb.Trajectory.from_arrays(t, states=states, system=system, name="radau"),
+    runs = ["trapezoidal", eighths, sb.Trajectory.from_arrays(t, *states, system=system, name="radau"),
             "cvode-adams"]  # fmt: skip
     result = CaseComparison(case_of(system, dt, t_end))
     list(result.run(runs, ["exact"]))

@@ -3,8 +3,7 @@
     integrate              what is called: one run, many members
     treatment              treatments of contact: implicit, extrapolated, conserving
     block_march            any scheme on any system in blocks of K steps
-    probe                  the matrices of a scheme's step, in modes or for all unknowns, from unit inputs
-    propagator             powers of that step, arranged as the arrays of a block
+    propagator             the matrices of a scheme's step, in modes or for all unknowns, and of a block of steps
     rigid_march            a scheme with an impact law against rigid stops
 
 A run is a function of its arguments: run again, it has the same bits.

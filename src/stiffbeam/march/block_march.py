@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -11,18 +11,16 @@ import numpy as np
 from ..basics.arrays import Array, aligned, copied
 from ..basics.resources import afford
 from ..kernels import march as kernel
-from ..kernels.march import EVENT, LINEAR
+from ..kernels.march import EVENT, LINEAR, TALLY, contact_forces
 from ..kernels.march import states as single_steps
-from ..model.contact import all_laws, laws
+from ..model.contact import all_laws, laws, side_at_start
 from ..model.contact import jumps as force_jumps
 from ..model.system import System
 from ..model.time_functions import evaluate
 from ..schemes import Scheme
-from ..trajectory.recorder import CONTACT, end_tallies, forces_at, overflow, record, start_tallies
-from ..trajectory.records import Ledger, step_ledger
+from ..trajectory.records import ContactRecord, Impacts, Ledger, step_ledger
 from ..trajectory.trajectory import SolverFailure
-from .probe import Coordinates, StepMap, independent
-from .propagator import Forcing, Propagator, by_diagonals
+from .propagator import Coordinates, Forcing, Propagator, StepMap, by_diagonals, independent
 from .treatment import Treatment, require_giving_way, require_moved
 
 STEPS_PER_CALL = 1 << 16  # between which Python sees an interruption
@@ -30,6 +28,14 @@ STEPS_REPLAYED = 1 << 14  # held in memory at once where states, or sampled load
 NUMBERS_REPLAYED = 1 << 23  # of their states
 LARGEST = 1 << 27  # numbers in the powers of a step and the rows of loads: 1 GiB
 LEAST, LONGEST = 32, 256  # force nodes of a block
+
+# A tally (..., 8) is what one contact has seen so far. The steps up to SINCE are passed over; SIDE is followed from the
+# start. LAST is |F| at the last step, of laws that are not linear.
+SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
+# An impact is one row of a list of events; ROW is the row of the one that is open, or -1, and its END is -1 too. A
+# contact that is there at t = 0 has a row too, with TIME = AT_START.
+CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(6)
+AT_START = -1.0
 
 
 def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
@@ -55,8 +61,7 @@ def block_length(coordinates: Coordinates, scheme: Scheme, steps: int) -> int:
 
 
 class Stepper:
-    """A scheme on a system in coordinates, in blocks of ``length`` steps: what all members of an ensemble share,
-    computed once.
+    """A scheme on a system in coordinates, in blocks of ``length`` steps: what the members of an ensemble share.
 
     The propagators of the starter and of the blocks contain the linear part only. Members may differ in initial data,
     in their stops and in the frequencies and amplitudes of their harmonic loads. rule: how nodes find their forces.
@@ -68,13 +73,15 @@ class Stepper:
         self.coordinates, self.scheme, self.dt, self.treatment, self.rule = coordinates, scheme, dt, treatment, rule
         self.system = coordinates.system
         self.kind = "dense blocks" if coordinates.basis is None else "modal blocks"  # in ``provenance["march"]``
-        given, starter = (coordinates, dt), scheme.starter
+        self.block = Propagator(scheme, coordinates, dt, length, treatment, rule)
+        self.propagators = [self.block]  # in the order of time
         # The starter hands over whole states, so that none of its components is left out.
-        self.starter = None if starter is None else Propagator(starter, *given, 1, treatment, rule, reduced=False)
-        self.block = Propagator(scheme, *given, length, treatment, rule)
+        if scheme.starter is not None:
+            starter = Propagator(scheme.starter, coordinates, dt, 1, treatment, rule, reduced=False)
+            self.propagators.insert(0, starter)
         # A force that depends on velocity is unique only where these hold.
-        for each in (self.starter, self.block):
-            if each is not None and len(each.entries.rates):
+        for each in self.propagators:
+            if len(each.entries.rates):
                 require_giving_way(each.one.scheme, *each.compliances)
         self.own_launch = self.launch(self.system, 0)
 
@@ -122,7 +129,7 @@ class Stepper:
 
         starts: (B, D + ...), the states at the start of each block; forces: (B, N), those in it.
         """
-        one, (B, _), K = propagator.one if propagator is self.starter else self.single, starts.shape, propagator.steps
+        one, (B, _), K = self.single if propagator is self.block else propagator.one, starts.shape, propagator.steps
         S, m, n, N = len(one.readers.nodes), len(member.contacts), one.coordinates.parts, one.coordinates.rows.shape[1]
         at_nodes = forces[:, : propagator.nodes].reshape(B * K, S, m)
         # What acts, in the order of a StepMap: the contacts, then the loads, each of them node by node.
@@ -145,17 +152,32 @@ class Stepper:
         return y, np.full((steps, m), np.nan) if between else at_nodes[:steps, -1]
 
     def launch(self, member: System, since: int) -> tuple[dict[str, Array], Array]:
-        """Arrays of a Run of a member at t = 0, with contacts recorded after step ``since``, among the events those
-        that are there; and y in the coordinates. A march copies what it changes."""
+        """Arrays of a Run of a member at t = 0, with contacts recorded after step ``since``; and y in the coordinates.
+        A march copies what it changes.
+
+        The list of events begins with a row for each contact that is there, open. Peaks and impulses begin with those
+        of the force at t = 0, half of which the trapezoidal rule takes, but of means.
+        """
         law, (u, v) = laws(member.contacts), member.motions(0.0, member.q0, member.v0)
-        tally, events = start_tallies(u, v, law, self.dt, self.treatment.means, since)
-        begun = {"law": law, "position": u, "velocity": v, "tally": tally, "events": events}
+        tally = np.zeros((len(law), TALLY))
+        tally[:, ROW], tally[:, SINCE] = -1.0, since
+        tally[:, SIDE] = side_at_start(u[: len(law)], v[: len(law)], law)
+        # A tally that begins later leaves out the contact at t = 0.
+        contact = np.flatnonzero(tally[:, SIDE]) if not since else np.zeros(0, int)
+        rows = np.zeros((len(contact), EVENT))
+        if len(contact):
+            size = np.abs(forces_at(u, v, law))[contact]
+            rows[:, CONTACT], rows[:, TIME], rows[:, END] = contact, AT_START, -1.0
+            rows[:, STOP], rows[:, IMPACT_PEAK] = tally[contact, SIDE], size
+            rows[:, IMPACT_IMPULSE] = 0.0 if self.treatment.means else 0.5 * self.dt * size
+            tally[contact, PEAK], tally[contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
+            tally[contact, ROW] = np.arange(len(contact))
+        begun = {"law": law, "position": u, "velocity": v, "tally": tally, "events": rows}
         start = self.coordinates.start(member.q0, member.v0)
-        begun["z"] = self.packed(self.starter or self.block, member, 0.0, [start], begun)
+        begun["z"] = self.packed(self.propagators[0], member, 0.0, [start], begun)
         # Where a force jumps at its stop, every node must yield to it.
-        for each in (self.starter, self.block) if jumping(law) else ():
-            if each is not None:
-                require_moved(each.one.scheme, each.compliances[0])
+        for each in self.propagators if jumping(law) else ():
+            require_moved(each.one.scheme, each.compliances[0])
         return begun, start
 
     def packed(
@@ -209,8 +231,8 @@ class March:
         stepper, scheme = self.stepper, self.stepper.scheme
         history = [self._start]
         # A multistep scheme begins with its starter, step by step; the states are its history, newest first.
-        if stepper.starter is not None:
-            one, forcing = stepper.starter, self.forcing(stepper.starter)
+        for one in stepper.propagators[:-1]:
+            forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
                 yield self._segment(one, forcing, 1, replayed)
                 history.insert(0, one.unpack(self.arrays["z"])[:2])
@@ -251,26 +273,57 @@ class March:
 
     def fields(self) -> dict[str, Any]:
         """Fields of the Trajectory, at the end: outputs, contacts, and when it overflowed."""
-        kept, tip, dt, contacts = self.arrays, self.stepper.system.tip_channel, self.stepper.dt, []
+        kept, tip, dt = self.arrays, self.stepper.system.tip_channel, self.stepper.dt
         diverged = int(kept["diverged"][0])
         # A negative step: the search for the forces of several contacts failed there.
         if diverged < 0:
             reason, remedy = "the forces of several contacts at once were not found", "use a smaller dt, or cvode"
             raise SolverFailure(str(self.stepper.scheme), -diverged * dt, reason, remedy)
-        positions, velocities, tally, law = (kept[name] for name in ("positions", "velocities", "tally", "law"))
-        # Include the forces at start and end.
-        if not self.stepper.treatment.means:
-            tally = end_tallies(tally, law, dt, (kept["position"], kept["velocity"]))
-        rows = kept["events"][: kept["cursor"][1]]
-        for c, contact in enumerate(self.system.contacts):
-            # The kernel wrote the rows of one contact in order of time.
-            events = rows[rows[:, CONTACT] == c] if len(tally) > 1 else rows
-            node_forces, forces = (x[:, c] if len(x) else None for x in (kept["node_forces"], kept["contact_forces"]))
-            motion = positions[:, c], velocities[:, c]
-            contacts.append(record(contact.stops, *motion, tally[c], events, self.steps, node_forces, forces))
-        u, v = (np.ascontiguousarray(x[:, tip]) for x in (positions, velocities))  # of one contact views
+        contacts = tuple(self._record(c, tally) for c, tally in enumerate(kept["tally"]))
+        u, v = (np.ascontiguousarray(kept[name][:, tip]) for name in ("positions", "velocities"))
         when = diverged * dt if diverged else overflow(contacts, self.steps * dt)
-        return {"t": kept["times"], "tip": u, "tip_velocity": v, "contacts": tuple(contacts), "diverged": when}
+        return {"t": kept["times"], "tip": u, "tip_velocity": v, "contacts": contacts, "diverged": when}
+
+    def _record(self, c: int, tally: Array) -> ContactRecord:
+        """The record of contact c with its tally."""
+        kept, stops = self.arrays, self.system.contacts[c].stops
+        position, velocity = kept["positions"][:, c], kept["velocities"][:, c]
+        if len(kept["contact_forces"]):
+            force = kept["contact_forces"][:, c]
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
+                force = stops.force(position, velocity)
+        # A force that jumps does not follow from the state: the node's counts where there is one.
+        if stops.jumps:
+            at_nodes = kept["node_forces"][:, c]
+            force = np.where(np.isnan(at_nodes), force, at_nodes)
+        # The kernel wrote the rows of one contact in order of time.
+        rows = kept["events"][: kept["cursor"][1]]
+        times, sides, peaks, impulses, ends = rows[rows[:, CONTACT] == c, TIME : END + 1].T.copy()
+        still = ends < 0.0  # open, without peak, impulse or end
+        peaks[still] = impulses[still] = ends[still] = np.nan
+        impacts = Impacts.at(times, sides, "sampled", ends=ends, peaks=peaks, impulses=impulses)
+        impacts = impacts.started(times == AT_START)
+        side, touching, peak, impulse, _, since, last, _ = tally.tolist()
+        # The trapezoidal rule takes half of the force at the last step. A tally that begins later stays, as do means.
+        if side and not since and not self.stepper.treatment.means:
+            at_end = forces_at(kept["position"], kept["velocity"], kept["law"])[c]
+            impulse -= 0.5 * self.stepper.dt * (last if stops.jumps else abs(float(at_end)))
+        fraction = touching / max(1.0, self.steps - since)  # of the steps that it counts
+        return ContactRecord(stops, position, velocity, force, impacts, fraction, peak, impulse)
+
+
+def forces_at(u: Array, v: Array, law: Array) -> Array:
+    """F (m,) on the bodies at positions and velocities (C,), the contacts first, under laws (m, 6)."""
+    return contact_forces(u[: len(law)], v[: len(law)], law)
+
+
+def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
+    """Time at which a force overflowed although no position did: the first impact whose impulse is beyond float64, at
+    the latest t_end. NaN if none did."""
+    if all(np.isfinite(contact.impulse) for contact in contacts):
+        return float("nan")
+    return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
 
 
 def jumping(law: Array) -> bool:

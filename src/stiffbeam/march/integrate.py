@@ -23,7 +23,7 @@ from ..trajectory.ensemble import Ensemble, record_from, slim
 from ..trajectory.records import Ledger
 from ..trajectory.trajectory import Diverged, Trajectory, Work, versions
 from .block_march import Stepper, block_length
-from .probe import Coordinates
+from .propagator import Coordinates
 from .rigid_march import RigidStepper
 from .treatment import TREATMENTS
 
@@ -42,9 +42,12 @@ class Plan:
             raise InputError("dt", dt, "have a square in float64", "count time in another unit")
         self.treatment = TREATMENTS[one_of("contact", contact, TREATMENTS)]
         self.rule = self.treatment.rule(system, self.given)  # of the contacts of ``system``
-        self.scheme = self.treatment.form_of(self.given)
+        if (form := self.treatment.form_of(self.given)) is None:
+            rule = f"conserve the energy of the linear system for the conserving contact, as {scheme} does not"
+            raise InputError("scheme", str(scheme), rule, "use Trapezoidal or ExponentialFlow")
+        self.scheme = form
         system.drive.require_samples(self.t_end)
-        if not is_known(self.scheme):
+        if not is_known(self.given):
             check_contract(self.scheme)
         # The modes, or where the damping couples them all unknowns, which then step together.
         coordinates = Coordinates(system, decoupled_modes(system))
@@ -85,7 +88,7 @@ class Plan:
     def provenance(self, every: int | None) -> dict[str, Any]:
         """Provenance of the run."""
         return {
-            "method": label_of_run(self.scheme),
+            "method": label_of_run(self.given),
             "form": self.system.form,
             "units": list(self.system.units),
             "contact": self.treatment.name,

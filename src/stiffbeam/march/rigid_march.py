@@ -17,9 +17,9 @@ from ..model.time_functions import TimeFunction, evaluate
 from ..schemes import RigidScheme
 from ..schemes.rigid import AHEAD, POSITION, RESTITUTED, VELOCITY
 from ..schemes.rigid import WHERE_CLOSED as CONDITION
-from ..trajectory.recorder import reaction_counts
+from ..trajectory.recorder import impacts_in
 from ..trajectory.records import ContactRecord, Ledger, step_ledger
-from .probe import Coordinates, StepMap
+from .propagator import Coordinates, StepMap
 
 STEPS_PER_PIECE = 4096
 FREE_STEPS = 200  # after which it has all that one unit force will give it
@@ -49,12 +49,29 @@ class RigidStepper:
                 break
             pieces.append([x[1:] for x in (positions, velocities, reactions)])
         u, v, R = map(np.concatenate, zip(*pieces, strict=True))
-        outputs, tip, contacts = slice(None if every else 0, None, every), member.tip_channel, []
-        for c, contact in enumerate(member.contacts):
-            counts = reaction_counts(contact.stops, self.dt, u[:, c], R[1:, c], since)
-            contacts.append(ContactRecord(contact.stops, u[outputs, c], v[outputs, c], R[outputs, c], **counts))
+        outputs, tip = slice(None if every else 0, None, every), member.tip_channel
+        each = zip(member.contacts, u.T, v.T, R.T, strict=False)  # of the channels the contacts are the first
+        records = (self._record(contact.stops, *x, outputs=outputs, since=since) for contact, *x in each)
         fields = {"t": (np.arange(len(u)) * self.dt)[outputs], "tip": u[outputs, tip], "tip_velocity": v[outputs, tip]}
-        return fields | {"contacts": tuple(contacts), "diverged": diverged}
+        return fields | {"contacts": tuple(records), "diverged": diverged}
+
+    def _record(self, stops: Stops, u: Array, v: Array, R: Array, outputs: slice, since: int) -> ContactRecord:
+        """Record of a contact from positions, velocities and mean reactions R (k + 1,), R[n] of the step before n.
+
+        An impact is a sequence of steps with a reaction of one sign: it begins with the first and ends with the last of
+        them. An impact before a contact at t = 0 has opened is part of that contact. A rigid stop has no largest force
+        but an impulse, so peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
+        """
+        between = (u > stops.lower_bound) & (u < stops.upper_bound)
+        # The contact at t = 0 lasts to the step before the first position between the stops.
+        held = int(np.argmax(between)) if np.any(between) else len(u)
+        t, size = np.arange(since, len(R)) * self.dt, np.abs(R[since:]) * self.dt
+        size[0] = 0.0
+        counted, sides, open_to = R[since + 1 :], -np.sign(R[since:]), max(0, held - since)
+        impacts = impacts_in(t, sides, size, lambda k, side: t[k - 1], not since, open_to)
+        share, peak = float(np.mean(counted != 0.0)) if len(counted) else 0.0, np.nan if np.any(counted) else 0.0
+        kept = u[outputs], v[outputs], R[outputs]
+        return ContactRecord(stops, *kept, impacts, share, peak, float(np.sum(np.abs(counted)) * self.dt))
 
     def ledger(self, member: System, steps: int, outputs: Array) -> Ledger:
         """Energy balance of every step of a member at the times ``outputs``."""

@@ -67,18 +67,10 @@ class Treatment:
         linear = all(contact.stops.linear for contact in contacts)
         return LINEAR if linear and not (len(contacts) > 1 and system.gyroscopic) else BY_LAW
 
-    def takes(self, scheme: Scheme) -> bool:
-        """Return True if the scheme has a form for this treatment: a mean force takes one that conserves the energy of
-        the linear system under a constant force."""
-        return not self.means or scheme.conserving is not None
-
-    def form_of(self, scheme: Scheme) -> Scheme:
-        """Return the form of the scheme for this treatment. Raises InputError for a scheme without one."""
-        form = scheme.conserving if self.means else scheme
-        if form is None:
-            rule = f"conserve the energy of the linear system for the conserving contact, as {scheme} does not"
-            raise InputError("scheme", str(scheme), rule, "use Trapezoidal or ExponentialFlow")
-        return form
+    def form_of(self, scheme: Scheme) -> Scheme | None:
+        """Return the form of the scheme for this treatment, None where it has none: a mean force takes one that
+        conserves the energy of the linear system under a constant force."""
+        return scheme.conserving if self.means else scheme
 
 
 _ALL = Treatment("implicit"), Treatment("extrapolated", predicts=True), Treatment("conserving", means=True)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, number, numbers, one_of
-from ..march.probe import components
+from ..march.propagator import components
 from ..model.equations import Equation
 from ..model.modes import modes
 from ..schemes import Scheme
@@ -55,10 +55,6 @@ class Amplification:
     period_elongation: Array
     damping_ratio: Array
 
-    def __repr__(self) -> str:
-        x = np.atleast_1d(self.dt_over_period)
-        return f"<Amplification of {self.scheme} at {x.size} dt/T, {np.min(x):g} to {np.max(x):g}>"
-
     @property
     def stable_to(self) -> float:
         """The largest of dt_over_period up to which the radius stays <= 1; inf: at all of them."""
@@ -94,8 +90,7 @@ def amplification(
     Raises
     ------
     InputError
-        For steps that are not positive, a damping ratio outside [0, 1), and a closed form that the scheme does not
-        state.
+        For steps that are not positive, a damping ratio outside [0, 1), and a closed form that is not stated.
 
     Examples
     --------

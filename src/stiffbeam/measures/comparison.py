@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, overload
 
@@ -17,7 +17,7 @@ from ..basics.text import DRAW, Units, plain
 from ..basics.validation import InputError
 from ..model.scales import scales
 from ..model.system import System
-from ..trajectory.recorder import sampled_impacts
+from ..trajectory.recorder import sampled_record, totals
 from ..trajectory.records import Impacts, Ledger
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
@@ -45,10 +45,8 @@ class PhaseLag:
     undefined: str = ""
 
 
-def phase_lag(
-    t: Array, u: Array, v: Array, reference: Callable[[Array], Array], end: float, drive: float, first: float
-) -> PhaseLag:
-    """The lag of a run (t, u, u') behind u_ref over t_j in [tau_m, end - tau_m], |tau| <= tau_m.
+def phase_lag(t: Array, u: Array, v: Array, u_ref: Array, end: float, drive: float, first: float) -> PhaseLag:
+    """The lag of a run (t, u, u') behind u_ref (k,) at its times, over t_j in [tau_m, end - tau_m], |tau| <= tau_m.
 
     tau_m = pi/(2 max(a, w1)) with the drive frequency a = ``drive`` and the lowest natural frequency
     w1 = ``first``. u_run between its steps is the cubic Hermite interpolant. A grid of 401 shifts, then
@@ -61,8 +59,7 @@ def phase_lag(
         return PhaseLag(undefined=f"the window {end:.3g} is shorter than 4 tau_m = {4 * tau_m:.3g}")
     # The ends are left out, so that every shifted time lies in the window.
     counted = (t >= tau_m) & (t <= end - tau_m)
-    inside, weights = t[counted], step_lengths(t)[counted]
-    target = reference(inside)
+    inside, weights, target = t[counted], step_lengths(t)[counted], u_ref[counted]
     scale = float(np.sum(weights * target**2))
     if scale == 0.0:
         return PhaseLag(undefined="the reference is at rest")
@@ -98,8 +95,7 @@ AT_REST = (
 
 
 def remark(system: System, reference: Reference) -> str:
-    """Sentence for a ``system`` whose motion stays at rest or touches no stop, or the reason why the reference ends its
-    horizon; "" for others."""
+    """Sentence for a ``system`` that stays at rest or touches no stop, or the reason for the horizon, else ""."""
     if scales(system, float(reference.provenance["t_end"])).speed == 0.0:
         return AT_REST
     if "horizon_ends" in reference.provenance:
@@ -327,7 +323,7 @@ def _compared(run: Any, reference: Reference) -> Comparison:
     # The lag is measured while the impacts match; past that, no shift makes the two motions alike.
     period = scales(system, float(reference.provenance["t_end"])).period
     lag = phase_lag(
-        t[:steps], run.tip[:steps], run.tip_velocity[:steps], lambda times: u_ref[np.searchsorted(t, times)], together,
+        t[:steps], run.tip[:steps], run.tip_velocity[:steps], u_ref, together,
         max(system.drive.frequencies, default=0.0), 2.0 * np.pi / period,
     )  # fmt: skip
     return Comparison(
@@ -371,18 +367,19 @@ def _contact(
     """Contact i at the steps t, of which the first are those to the window."""
     record, known, stops = run.contacts[i], reference.contacts[i], system.contacts[i].stops
     impacts, true, forces = record.impacts, known.impacts, (None, None)
-    if not stops.rigid:
-        u, v = reference.at(t, contact=i)
-        # Impacts of a solver are sampled at the run's times, as those of the reference are.
-        if "dt" not in run.provenance:
-            impacts = sampled_impacts(run.t, record.position, record.velocity, stops)
-        true, forces = sampled_impacts(t, u, v, stops), (record.force, stops.force(u, v))
-        if record.impacts.kind != "unknown":
-            impacts, true = after_rest((impacts, true), (run.t, record.position), (t, u))
-    elif run.provenance.get("source") == "arrays":  # read from steps, and so are the reference's then
-        true = sampled_impacts(t, *reference.at(t, contact=i), stops)
+    # Impacts of the reference are sampled where those of the run are: at compliant stops, and of arrays at rigid ones.
+    if not stops.rigid or run.provenance.get("source") == "arrays":
+        exact = sampled_record(t, *reference.at(t, contact=i), stops)
+        true = exact.impacts
+        if not stops.rigid:
+            forces = record.force, exact.force
+            # Those of a solver, which has events, too.
+            if "dt" not in run.provenance:
+                impacts = sampled_record(run.t, record.position, record.velocity, stops).impacts
+            if impacts.kind != "unknown":
+                impacts, true = after_rest((impacts, true), (run.t, record.position), (t, exact.position))
     known_to = float(reference.provenance["t_end"])
-    (of_run, run_totals), (of_reference, totals) = (
+    (of_run, run_totals), (of_reference, reference_totals) = (
         [_measures(one, i, rows, force, t, end) for end in (window, min(float(run.t[-1]), known_to))]
         for one, rows, force in ((run, impacts, forces[0]), (reference, true, forces[1]))
     )
@@ -390,7 +387,7 @@ def _contact(
     matching = Matching(0, window, np.nan, np.nan)
     if record.impacts.kind != "unknown":
         matching = match(impacts, true, window, longest_delay(system, known_to))
-    return ContactComparison(contact_name(system, i), of_run, of_reference, matching, run_totals, totals)
+    return ContactComparison(contact_name(system, i), of_run, of_reference, matching, run_totals, reference_totals)
 
 
 def _measures(run: Trajectory, i: int, impacts: Impacts, force: Array | None, t: Array, end: float) -> ContactMeasures:
@@ -399,16 +396,11 @@ def _measures(run: Trajectory, i: int, impacts: Impacts, force: Array | None, t:
     record = run.contacts[i]
     if impacts.kind == "unknown":
         return UNKNOWN
-    share, peak, impulse = record.fraction, np.nan if force is None else record.peak_force, record.impulse
+    sums = record.fraction, np.nan if force is None else record.peak_force, record.impulse
     if end < float(run.provenance["t_end"]) * (1 - 1e-12):
-        share = impulse = np.nan
-        if force is not None:
-            inside = t[: steps_to(t, end)]
-            size = np.abs(force[: len(inside)])
-            # Every step counts by its end, so that the start has no share.
-            share = float(np.average(size[1:] != 0.0, weights=step_lengths(inside)[1:]))
-            peak, impulse = float(np.max(size, initial=0.0)), float(np.trapezoid(size, inside))
-    return ContactMeasures(impacts.until(end).count, record.impacts.until(end).count, share, peak, impulse)
+        inside = steps_to(t, end)
+        sums = 3 * (np.nan,) if force is None else totals(t[:inside], force[:inside])
+    return ContactMeasures(impacts.until(end).count, record.impacts.until(end).count, *sums)
 
 
 def contact_name(system: System, i: int) -> str:

@@ -20,13 +20,10 @@ from ..trajectory.trajectory import Reference, Trajectory
 def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
     """``run``, or its arrays (t, tip), (t, tip, tip velocity) or (t, q, v) as a run of the reference's system.
 
-    Raises InputError where they are something else or of two systems, with what differs, and where the reference has
-    no horizon.
+    Raises InputError where they are something else or of two systems, with what differs, or without a horizon.
     """
     if isinstance(run, (tuple, list)) and len(run) in (2, 3) and isinstance(reference, Reference):
-        states = (run[1], run[2]) if len(run) == 3 and np.ndim(run[1]) == 2 else None
-        tips = run[1:] if states is None else ()
-        run = Trajectory.from_arrays(run[0], *tips, system=reference.system, states=states)
+        run = Trajectory.from_arrays(*run, system=reference.system)
     if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
         got = f"{type(run).__name__}, {type(reference).__name__}"
         rule = "be given a run, or its arrays (t, tip), (t, tip, tip velocity) or (t, q, v), and then a reference"
@@ -51,14 +48,6 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
     return run
 
 
-@dataclass(frozen=True)
-class TipError:
-    """(u - u_ref)/max |u_ref| over the times both are given at; both 0 where run and reference are at rest."""
-
-    rms: float
-    max: float
-
-
 def relative_error(u: Array, u_ref: Array) -> Array:
     """(u - u_ref)/max |u_ref|, (k,); u - u_ref itself for a reference at rest."""
     return (u - u_ref) / (float(np.max(np.abs(u_ref))) or 1.0)
@@ -69,10 +58,10 @@ def rms(error: Array, t: Array | None = None) -> float:
     return float(np.sqrt(np.average(error**2, weights=None if t is None else step_lengths(t))))
 
 
-def tip_error(u: Array, u_ref: Array) -> TipError:
-    """rms and largest |error| of u (k,) against u_ref (k,) at the same times, k >= 1."""
+def tip_error(u: Array, u_ref: Array) -> tuple[float, float]:
+    """rms and largest size of the ``relative_error`` of u (k,) against u_ref (k,) at the same times, k >= 1."""
     error = relative_error(u, u_ref)
-    return TipError(rms(error), float(np.max(np.abs(error))))
+    return rms(error), float(np.max(np.abs(error)))
 
 
 WIDEST = 1.5  # an interval wider than this cannot tell one order from the next
@@ -121,11 +110,11 @@ class ContactMeasures:
     impulse, the sum of |sigma| dt. Of a solver with events: the share of time, the peak between the steps and the
     integral of |sigma|. event_impacts: the impacts of the trajectory itself; those of a reference are by events."""
 
-    impacts: int
-    event_impacts: int
-    fraction: float
-    peak_force: float
-    impulse: float
+    impacts: int = 0
+    event_impacts: int = 0
+    fraction: float = 0.0
+    peak_force: float = 0.0
+    impulse: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -146,8 +135,7 @@ class Matching:
 
 
 def longest_delay(system: System, t_end: float) -> float:
-    """A quarter of the longest time scale of a run to t_end. An impact that is later belongs to no impact of the
-    reference."""
+    """A quarter of the longest time scale of a run to t_end. Impacts that are later are no pair."""
     return 0.25 * scales(system, t_end).period
 
 

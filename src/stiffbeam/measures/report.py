@@ -26,8 +26,7 @@ ROUNDING = 1e-9  # of an energy: less is rounding
 
 
 def short(label: str) -> str:
-    """Short name of the method in a label, method@form: that of the scheme or of the reference solver; any other is
-    returned as it is."""
+    """Short name of the method in a label, method@form: that of the scheme or solver; any other as it is."""
     label = label.partition("@")[0]
     if label in REFERENCES:
         return REFERENCES[label].label
@@ -92,8 +91,7 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
 
 
 def verdict(comparisons: Sequence[Comparison]) -> str:
-    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is, see
-    ``extremes``."""
+    """A sentence on runs with one reference: how long their impacts match, or how far off the tip is."""
     known = {c.label: c.matched_until for c in comparisons if c.contacts and np.isfinite(c.matched_until)}
     name = error_name(comparisons[0].pair[1])
     if not known:
@@ -182,8 +180,7 @@ def _table_text(frame: Any, width: int | None) -> str:
 
 
 def report_of(comparisons: Sequence[Comparison], failures: Sequence[tuple[str, str, str]] = ()) -> Report:
-    """Tables of comparisons with one reference, to the horizon and of the whole runs, with remarks above and notes
-    below them.
+    """Tables of comparisons with one reference, to the horizon and of the whole runs, remarks and notes.
 
     failures: ("failed" or "refused", label, message) of what could not be compared.
     """
@@ -206,13 +203,9 @@ def _touched(comparisons: Sequence[Comparison]) -> list[int]:
     contacts = range(len(comparisons[0].contacts))
 
     def touches(contact: ContactComparison) -> bool:
-        measures = (contact.run, contact.reference, contact.run_totals, contact.reference_totals)
-        return any(m.impacts or m.event_impacts or m.fraction for m in measures)
+        return any(m.impacts or m.event_impacts or m.fraction for m in (contact.run_totals, contact.reference_totals))
 
     return [i for i in contacts if len(contacts) == 1 or any(touches(c.contacts[i]) for c in comparisons)]
-
-
-NONE = ContactMeasures(0, 0, 0.0, 0.0, 0.0)  # of a run that touches nothing
 
 
 def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
@@ -240,7 +233,7 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
 
     def of_contact(c: Comparison, run: bool, contact: ContactComparison | None) -> dict[str, str]:
         side = ("run" if run else "reference") + "_totals" * to_end
-        x = NONE if contact is None else getattr(contact, side)
+        x = ContactMeasures() if contact is None else getattr(contact, side)
         row = {"impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction)}
         if to_end:
             return row | {force: number(x.peak_force, 4), impulse: number(x.impulse, 4)}

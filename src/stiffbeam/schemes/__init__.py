@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .bdf import BDF2, Bathe
-from .conserving import ExponentialFlow, Theta, Trapezoidal
-from .misprints import PrintedSigma, PrintedStageMatrix, UnweightedHHT
-from .newmark import HHT, GeneralisedAlpha
+from .multistep import BDF2, Bathe, ExponentialFlow, Theta, Trapezoidal
+from .newmark import HHT, GeneralisedAlpha, UnweightedHHT
 from .rigid import ContactStabilisedNewmark, MoreauJean, NonsmoothGeneralisedAlpha, PaoliSchatzman, RigidScheme
 from .rigid import takes_stops as takes_stops
 from .scheme import Scheme
 from .sdirk import GAMMA_THIRD_ORDER as GAMMA_THIRD_ORDER
-from .sdirk import SDIRK
+from .sdirk import SDIRK, PrintedSigma, PrintedStageMatrix
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

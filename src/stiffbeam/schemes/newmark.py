@@ -90,6 +90,34 @@ class HHT(WeightedNewmark):
         super().__init__(0.0, -self.alpha)
 
 
+class UnweightedHHT(HHT):
+    """(4.13) as printed, a misprint: M a^{n+1} = -(1 + alpha) K q^{n+1} + alpha K q^n + f^{n+1}; order 1 under load.
+
+    The stiffness is weighted, load and contact (the paper's F + G) are not; the damping, absent from
+    the print, is weighted with the stiffness. State: (q, v, a).
+    """
+
+    order = 1
+
+    def initial(self, equation: Equation, history: list[Array], force: Array) -> Array:
+        """(q, v, a) with a from the equation of motion."""
+        return np.array([*history[0], equation.acceleration(history[0], force)])
+
+    def step(self, equation: Equation, dt: float, z: Array, loads: list[Array], reactions: list[Array]) -> Step:
+        """Load and reaction at t_{n+1} enter with weight 1."""
+        q, v, a = z
+        alpha, beta, gamma = self.alpha, self.beta, self.gamma
+        ahead = np.array([q + dt * v + dt**2 * (0.5 - beta) * a, v + dt * (1.0 - gamma) * a])
+        none = np.zeros_like(q)
+        inner = (1.0 + alpha) * equation.net_force(ahead, none) - alpha * equation.net_force(z[:2], none)
+        a_new = equation.solve(
+            (1.0 + alpha) * gamma * dt, (1.0 + alpha) * beta * dt**2, inner + (loads[0] + reactions[0])
+        )
+        q_new = ahead[0] + dt**2 * beta * a_new
+        z_new = np.array([q_new, ahead[1] + dt * gamma * a_new, a_new])
+        return z_new, [z_new[:2]]
+
+
 class GeneralisedAlpha(WeightedNewmark):
     """The weighted Newmark step with, for a spectral radius rho at infinite frequency,
 

@@ -27,8 +27,7 @@ class RigidScheme(Scheme):
 
     At node i a step returns the pair (x_new, x_old) to which ``conditions[i]`` applies, in the place of (q, q').
     Reactions are forces: a constant force over one step is its impulse over dt, also where the literature writes the
-    scheme with impulses. ``start`` makes the first state. State: (q, v, f) with the load f, unless a subclass documents
-    another.
+    scheme with impulses. ``start`` makes the first state. State: (q, v, f) with the load f, by default.
 
     Examples
     --------

@@ -199,7 +199,5 @@ def _tried(scheme: Scheme, shape: tuple[int, ...], z: Array, forces: Array) -> t
 
 
 def is_known(scheme: Scheme) -> bool:
-    """Return True if the scheme, and the scheme of which it is a form, are of this package. Type and label then define
-    it."""
-    inner = getattr(scheme, "scheme", None)
-    return type(scheme).__module__.rpartition(".")[0] == __package__ and (inner is None or is_known(inner))
+    """Return True if the scheme is of this package. Type and label then define it."""
+    return type(scheme).__module__.rpartition(".")[0] == __package__

@@ -120,3 +120,38 @@ class SDIRK(Scheme):
         q_new = q + dt * v + dt**2 * sum(w * k for w, k in zip(self.b @ self.A, accelerations, strict=True))
         v_new = v + dt * sum(w * k for w, k in zip(self.b, accelerations, strict=True))
         return np.array([q_new, v_new]), stages
+
+
+class PrintedSigma(SDIRK):
+    """(4.9) with the printed sign of sigma: order 2 instead of 3 at gamma = 0.4359."""
+
+    def __init__(self, gamma: float = GAMMA_THIRD_ORDER, nystrom: bool = False) -> None:
+        super().__init__(gamma, nystrom)
+        self.order = 2
+
+    @property
+    def sigma(self) -> float:
+        """The tableau's sigma with the sign as printed."""
+        return -super().sigma
+
+
+class PrintedStageMatrix(SDIRK):
+    """(4.14) with the printed stage matrix: off-diagonal sigma, gamma^2 b1, gamma^2 b2 for those of A A.
+
+    Order 2. Its spectral radius exceeds 1 at every step, by (omega dt)^4/310 for small ones at gamma = 0.4359: every
+    mode grows, and most systems overflow.
+    """
+
+    def __init__(self, gamma: float = GAMMA_THIRD_ORDER, nystrom: bool = True) -> None:
+        super().__init__(gamma, nystrom=True)  # always in second-order form
+        self.order = 2
+
+    @property
+    def Abar(self) -> np.ndarray:
+        """The stage matrix as printed, in the place of A A."""
+        g, s, (b1, b2, _) = self.gamma, self.sigma, self.b
+        return np.array([[g**2, 0.0, 0.0], [s, g**2, 0.0], [b1 * g**2, b2 * g**2, g**2]])
+
+    def characteristic(self, x: float, xi: float) -> None:
+        """None: the R(z) of (4.14) belongs to A A."""
+        return None

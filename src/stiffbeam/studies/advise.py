@@ -103,7 +103,7 @@ class Advise(Study):
     def _candidates(self, case: Case, system: System) -> list[tuple[Scheme, str]]:
         contacts = sequence("contacts", self.contacts, "be names")[: None if system.contacts else 1]
         schemes = base.chosen_schemes(case, self.schemes).values()
-        return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].takes(s)]
+        return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].form_of(s)]
 
     def run(self, case: Case) -> list[Row]:
         """A row of kind "run" for every trial, of kind "advised" for the one that is, and remarks."""
@@ -285,7 +285,7 @@ def errors_of(run: Trajectory, exact: Reference) -> dict[str, float]:
     """Errors of tip (rms), impact count, peak force and impulse, the worst over the contacts."""
     pairs = list(zip(run.contacts, exact.contacts, strict=True))
     counts = (abs(a.impacts.count - b.impacts.count) / max(b.impacts.count, 1) for a, b in pairs)
-    errors = {"tip": tip_error(run.tip, exact.at(run.t)[0]).rms, "impacts": max(counts, default=0.0)}
+    errors = {"tip": tip_error(run.tip, exact.at(run.t)[0])[0], "impacts": max(counts, default=0.0)}
     for name in ("peak_force", "impulse"):
         errors[name] = max((_relative(getattr(a, name), getattr(b, name)) for a, b in pairs), default=0.0)
     return errors

@@ -82,7 +82,7 @@ class Space(Study):
         end = 0.5 * float(times[n - 1] + times[n]) if len(times) > n else span
         end = min(end, fine.horizon, coarse.horizon)
         t = np.linspace(0.0, end, SAMPLES)
-        error = tip_error(coarse.at(t)[0], fine.at(t)[0]).max
+        _, error = tip_error(coarse.at(t)[0], fine.at(t)[0])
         rows: list[Row] = [{"quantity": "tip to the end of the first impacts", "value": end, "error": error}]
         for i, (a, b) in enumerate(zip(coarse.contacts, fine.contacts, strict=True)):
             place = f" at contact {i}" if len(fine.contacts) > 1 else ""

@@ -19,7 +19,7 @@ from ..basics.validation import InputError, sequence
 from ..figures import chart
 from ..figures.chart import Figure
 from ..files.columns import TIMES, bare, factor_of, read_columns, time_of
-from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, run_of
+from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, finite_run
 from ..integrators import integrators as integrators_of
 from ..measures.errors import Order, observed_order
 from ..measures.report import DASH, Report, Reported, short
@@ -318,7 +318,7 @@ def score_trajectories(name: str | Problem, runs: Sequence[tuple[Any, ...]], lab
     """
     chosen = name if isinstance(name, Problem) else problem(name)
     try:
-        those = [_of_problem(chosen, run_of(run, chosen.system, label)) for run in runs]
+        those = [_of_problem(chosen, finite_run(run, chosen.system, label)) for run in runs]
     except Diverged as error:
         raise InputError("the run", str(error), "be finite", "end the run before it overflows") from None
     return score([those], chosen)

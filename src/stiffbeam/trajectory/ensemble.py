@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,8 @@ from ..basics.validation import InputError, number
 from ..model.contact import Stops
 from ..model.members import EnsembleMembers
 from .records import ContactRecord, Impacts, Ledger
-from .schema import Saved, dataset_of, frame_of, values_of
+from .schema import Saved
 from .trajectory import Trajectory, Work
-
-if TYPE_CHECKING:
-    import pandas
-    import xarray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -64,8 +60,7 @@ class ContactStatistics:
 
 
 def slim(run: Trajectory, outputs: int | None = None) -> Trajectory:
-    """The part of a run that an ensemble keeps: tip and velocity at the first ``outputs`` of its times, and the
-    statistics of its contacts."""
+    """The part of a run that an ensemble keeps: tip and velocity at the first ``outputs`` times, and its statistics."""
     none = np.zeros(0)
     contacts = tuple(replace(c, position=none, velocity=none, force=none) for c in run.contacts)
     motion = {name: getattr(run, name)[:outputs].copy() for name in ("t", "tip", "tip_velocity")}
@@ -90,8 +85,7 @@ class Ensemble(Saved):
         ``steps`` counts member-steps.
     provenance : dict
     ledger : callable
-        ledger(i): the energy ledger of member i at the output times, or at start and end where there are none, from a
-        second run of the member.
+        ledger(i): the energy ledger of member i at the output times, or at start and end, from a second run.
 
     Examples
     --------
@@ -147,16 +141,6 @@ class Ensemble(Saved):
     def stops(self) -> list[Stops]:
         """The stops of every contact of the system; those of members may differ."""
         return [contact.stops for contact in self.members.system.contacts]
-
-    def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row for each member, the index: the varied parameter by its name where it is a number,
-        ``diverged``, and ``impact_count_0``, ``contact_fraction_0``, ... of every contact. Units in ``attrs``."""
-        notes = {"parameter": self.members.parameter, "provenance": self.provenance}
-        return frame_of(values_of(self), "member", self.units, **notes)
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Dimensions member, contact, impact, time; every variable with its unit; provenance as attributes."""
-        return dataset_of(self)
 
 
 def record_from(since: float, t_end: float) -> float:

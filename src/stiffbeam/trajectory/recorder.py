@@ -1,8 +1,8 @@
-"""The contacts of a fixed-step run, as records."""
+"""Records of contacts from positions, velocities and reactions, and the runs of other programs as records."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -11,94 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.validation import InputError, numbers, sequence
-from ..kernels.march import EVENT, TALLY, contact_forces, switch_time
-from ..model.contact import Stops, all_laws, channel_motion, jumps, side_at_start
+from ..basics.validation import InputError, numbers
+from ..kernels.march import switch_time
+from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.system import System, require_system
 from .records import ContactRecord, Impacts, step_ledger
 
-# A tally (..., 8) is what one contact has seen so far. The steps up to SINCE are passed over; SIDE is followed from the
-# start. LAST is |F| at the last step, of laws that are not linear.
-SIDE, TOUCHING, PEAK, IMPULSE, ROW, SINCE, LAST = range(7)
-# An impact is one row of a list of events; ROW is the row of the one that is open, or -1, and its END is -1 too. A
-# contact that is there at t = 0 has a row too, with TIME = AT_START.
-CONTACT, TIME, STOP, IMPACT_PEAK, IMPACT_IMPULSE, END = range(6)
-AT_START = -1.0
 AT_REST = 1e-12  # of a position: so near a rigid stop a body is on it
-
-
-def forces_at(u: Array, v: Array, law: Array) -> Array:
-    """F (m,) on the bodies at positions and velocities (C,), the contacts first, under laws (m, 6)."""
-    return contact_forces(u[: len(law)], v[: len(law)], law)
-
-
-def start_tallies(u: Array, v: Array, law: Array, dt: float, means: bool, since: int = 0) -> tuple[Array, Array]:
-    """Tallies (m, 8) of the steps after ``since``, from positions and velocities (C,) at t = 0, the contacts first; and
-    rows of the contacts that are there, open, to begin the list of events with.
-
-    Peaks and impulses begin with those of the force at t = 0, half of which the trapezoidal rule takes, but of means.
-    """
-    m = len(law)
-    tally = np.zeros((m, TALLY))
-    tally[:, ROW], tally[:, SINCE] = -1.0, since
-    tally[:, SIDE] = side_at_start(u[:m], v[:m], law)
-    # A tally that begins later leaves out the contact at t = 0.
-    contact = np.flatnonzero(tally[:, SIDE]) if not since else np.zeros(0, int)
-    rows = np.zeros((len(contact), EVENT))
-    if len(contact):
-        size = np.abs(forces_at(u, v, law))[contact]
-        rows[:, CONTACT], rows[:, TIME], rows[:, END] = contact, AT_START, -1.0
-        rows[:, STOP], rows[:, IMPACT_PEAK] = tally[contact, SIDE], size
-        rows[:, IMPACT_IMPULSE] = 0.0 if means else 0.5 * dt * size
-        tally[contact, PEAK], tally[contact, IMPULSE] = size, rows[:, IMPACT_IMPULSE]
-        tally[contact, ROW] = np.arange(len(contact))
-    return tally, rows
-
-
-def end_tallies(tally: Array, law: Array, dt: float, last: tuple[Array, Array]) -> Array:
-    """The tallies (m, 8) with impulses by the trapezoidal rule, which takes half of the force at the last step.
-    last: (u, u') there, each (C,) with the contacts first. A tally that begins later stays."""
-    closed = (tally[:, SIDE] != 0.0) & (tally[:, SINCE] == 0.0)
-    if not closed.any():
-        return tally
-    # A force that jumps does not follow from the last state: the tally keeps it.
-    size = np.where(jumps(all_laws(law)), tally[:, LAST], np.abs(forces_at(*last, law)))
-    tally = tally.copy()
-    with np.errstate(over="ignore", invalid="ignore"):
-        tally[:, IMPULSE] -= np.where(closed, 0.5 * dt * size, 0.0)
-    return tally
-
-
-def record(
-    stops: Stops, position: Array, velocity: Array, tally: Array, events: Array, steps: int,
-    node_forces: Array | None, force: Array | None,
-) -> ContactRecord:  # fmt: skip
-    """The record of a contact with its rows of ``events`` in a run of so many ``steps``.
-
-    force: at the output times, where it has been computed. node_forces: those that nodes have there, NaN for none.
-    """
-    if force is None:
-        with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
-            force = stops.force(position, velocity)
-    # A force that jumps does not follow from the state: the node's counts where there is one.
-    if node_forces is not None and stops.jumps:
-        force = np.where(np.isnan(node_forces), force, node_forces)
-    times, sides, peaks, impulses, ends = events[:, TIME : END + 1].T.copy()  # the columns side by side
-    still = ends < 0.0  # open, without peak, impulse or end
-    peaks[still] = impulses[still] = ends[still] = np.nan
-    stop_sides = sides.astype(np.int64)
-    impacts = Impacts(times=times, ends=ends, stops=stop_sides, peaks=peaks, impulses=impulses, kind="sampled")
-    impacts = impacts.started(times == AT_START)
-    fraction = float(tally[TOUCHING] / max(1.0, steps - tally[SINCE]))  # of the steps after SINCE
-    return ContactRecord(stops, position, velocity, force, impacts, fraction, float(tally[PEAK]), float(tally[IMPULSE]))
-
-
-def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
-    """Time at which a force overflowed although no position did: the first impact whose impulse is beyond float64, at
-    the latest t_end. NaN if none did."""
-    if all(np.isfinite(contact.impulse) for contact in contacts):
-        return float("nan")
-    return min((float(t) for c in contacts for t in c.impacts.times[np.isinf(c.impacts.impulses)]), default=t_end)
 
 
 def impacts_in(
@@ -150,12 +69,22 @@ def rebounds(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
     return Impacts.at(times, sides, "sampled")
 
 
-def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
-    """Sampled impacts in positions u (k,) and velocities v (k,) at increasing times t (k,); see ``rebounds`` for those
-    on rigid stops. Times of entry and exit: see ``Impacts``."""
+def totals(t: Array, force: Array) -> tuple[float, float, float]:
+    """Share of the time in contact, peak and impulse of a ``force`` (k,) at times t (k,). Every step counts by its end,
+    so that the start has no share."""
+    size = np.abs(force)
+    share = np.average(size[1:] != 0.0, weights=step_lengths(t)[1:]) if len(t) > 1 else 0.0
+    return float(share), float(np.max(size)), float(np.trapezoid(size, t))
+
+
+def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
+    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,), see ``Impacts``.
+
+    Against rigid stops positions tell impacts, see ``rebounds``, not forces: these are NaN.
+    """
     if stops.rigid:
-        return rebounds(t, u, v, stops)
-    chi, size = stops.state(u, v), np.abs(stops.force(u, v))
+        return ContactRecord(stops, u, v, np.full(len(t), np.nan), rebounds(t, u, v, stops), *3 * (float("nan"),))
+    chi, force = stops.state(u, v), stops.force(u, v)
     # At the first time a position exactly on a stop is contact unless it leaves.
     chi[0] = side_at_start(u[0], v[0], stops.law)
 
@@ -163,120 +92,79 @@ def sampled_impacts(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
         length = float(t[k] - t[k - 1])
         return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, stops.law, length)
 
-    return impacts_in(t, chi, size * step_lengths(t), switch, bool(t[0] == 0.0), peaks=size)
+    size = np.abs(force)
+    impacts = impacts_in(t, chi, size * step_lengths(t), switch, bool(t[0] == 0.0), peaks=size)
+    return ContactRecord(stops, u, v, force, impacts, *totals(t, force))
 
 
-def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
-    """Contact record of positions u (k,) and velocities v (k,) at increasing times t (k,).
-
-    Against rigid stops positions tell impacts, not forces: these are NaN.
-    """
-    if stops.rigid:
-        return ContactRecord(stops, u, v, np.full(len(t), np.nan), rebounds(t, u, v, stops), *3 * (float("nan"),))
-    force = stops.force(u, v)
-    size, impacts = np.abs(force), sampled_impacts(t, u, v, stops)
-    # Every step counts by its end.
-    fraction = float(np.average(stops.state(u[1:], v[1:]) != 0, weights=step_lengths(t)[1:]))
-    return ContactRecord(stops, u, v, force, impacts, fraction, float(np.max(size)), float(np.trapezoid(size, t)))
-
-
-def reaction_counts(stops: Stops, dt: float, u: Array, means: Array, since: int) -> dict[str, Any]:
-    """Impacts and totals of one contact from its positions u (k + 1,) at steps 0 to k and the mean reactions (k,) of
-    the steps; impacts are counted after step ``since``.
-
-    An impact is a sequence of steps with a reaction of one sign: it begins with the first and ends with the last of
-    them. An impact before a contact at t = 0 has opened is part of that contact. A rigid stop has no largest force but
-    an impulse, so peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
-    """
-    R = np.concatenate([[0.0], means])  # R[n] belongs to step n; there is no reaction before the first
-    between = (u > stops.lower_bound) & (u < stops.upper_bound)
-    # The contact at t = 0 lasts to the step before the first position between the stops.
-    held = int(np.argmax(between)) if np.any(between) else len(u)
-    t, size = np.arange(since, len(R)) * dt, np.abs(R[since:]) * dt
-    size[0] = 0.0
-    counted, sides = R[since + 1 :], -np.sign(R[since:])
-    return {
-        "impacts": impacts_in(t, sides, size, lambda k, side: t[k - 1], not since, max(0, held - since)),
-        "fraction": float(np.mean(counted != 0.0)) if len(counted) else 0.0,
-        "peak_force": float("nan") if np.any(counted) else 0.0,
-        "impulse": float(np.sum(np.abs(counted)) * dt),
-    }
-
-
-NO_STATES = "the run came as arrays without states=(q, q')"
+NO_STATES = "the run came as arrays without states, (t, q, v)"
 NO_REACTIONS = "arrays, which have no reactions of rigid stops"
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the end: times that are apart by no more are one time
 SAME_POSITION = 1e-4  # of the motion: the rounding of five digits, less than a step changes
+OVERFLOWS = "end the run before it overflows"
 
 
 def run_fields(
-    t: ArrayLike, tip: ArrayLike | None, tip_velocity: ArrayLike | None, system: System | None,
-    states: tuple[ArrayLike, ArrayLike] | None, name: str,
-) -> dict[str, Any]:  # fmt: skip
+    t: ArrayLike, tip: ArrayLike, tip_velocity: ArrayLike | None, system: System | None, name: str
+) -> dict[str, Any]:
     """The fields of a Trajectory except its work, see ``Trajectory.from_arrays``."""
     from scipy.interpolate import CubicSpline
 
-    given = _array("t", t, (0,), "be three or more numbers in a row")
+    given = numbers("t", t, remedy=OVERFLOWS)
+    if given.ndim != 1 or len(given) < 3:
+        raise InputError("t", f"shape {given.shape}", "be three or more numbers in a row", "give a list")
     # Times first: of several rows at one time, as at an event, the last counts.
     times, rows = distinct_times(given)
     if times[0] != 0.0 or len(times) < 3:
         raise InputError("t", given, "be three or more times from 0 on", "begin with the initial state, at t = 0")
     if not isinstance(name, str) or not name:
         raise InputError("name", name, "be a text", 'for example "mine"')
-    q = v = None
-    if system is not None:
-        require_system(system)
-    # States determine the tip and its velocity where these are not passed.
-    if states is not None:
-        if system is None:
-            raise InputError("states", "without a system", "come with their system", "pass system=")
-        if len(pair := sequence("states", states, "be two arrays, (q, q')")) != 2:
-            raise InputError("states", f"{len(pair)} arrays", "be two arrays, (q, q')", "give both")
-        shape = len(given), system.size
-        q, v = (_array("states", x, shape, f"be two arrays, {shape}, (times, unknowns)") for x in pair)
-        seen = channel_motion(*system.channels[system.tip_channel], given, q, v)
-        tip, tip_velocity = (own if x is None else x for x, own in zip((tip, tip_velocity), seen, strict=True))
-        q, v = q[rows], v[rows]
-    if tip is None:
-        raise InputError("tip", None, "be given", "pass the positions of the tip, or states=(q, q')")
-    row, smoothed = f"be one number per time, {len(given)}", tip_velocity is None
-    u = _array("tip", tip, given.shape, row)
+    of_all = [] if system is None else [(len(given), require_system(system).size)]
+    u, q, v, smoothed = _rows("tip", tip, given.shape, *of_all), None, None, tip_velocity is None
+    w = None if smoothed else _rows("tip_velocity", tip_velocity, u.shape)
+    # All unknowns determine the tip; the other way round where it is the only one.
+    if system is not None and u.ndim == 2:
+        q, v = u, w
+        u, w = channel_motion(*system.channels[system.tip_channel], given, q, np.zeros_like(q) if v is None else v)
+    elif system is not None and w is not None and system.size == 1:
+        row, offset = system.channels[system.tip_channel]
+        q, v = (u[:, None], w[:, None]) if row == 1.0 and offset is None else (None, None)
     again = np.setdiff1d(np.arange(len(given)), rows)
     apart = again[np.abs(u[again + 1] - u[again]) > SAME_POSITION * np.max(np.abs(u))]
     if len(apart):
         remedy = "write the times with more digits"
         raise InputError("t", float(given[apart[0]]), "belong to one position, not several", remedy)
-    u = u[rows]
-    w = CubicSpline(times, u)(times, 1) if smoothed else _array("tip_velocity", tip_velocity, given.shape, row)[rows]
+    u, states = u[rows], None if q is None or v is None else (q[rows], v[rows])
+    w = CubicSpline(times, u)(times, 1) if smoothed or w is None else w[rows]
     notes: dict[str, Any] = {
         "method": name, "source": "arrays", "form": "arrays" if system is None else system.form,
         "dt": float(np.median(np.diff(times))), "t_end": float(times[-1]), "every": 1,
     }  # fmt: skip
-    if system is not None:
-        notes["units"] = list(system.units)
     if smoothed:  # a spline's velocity is smooth where the true one has a kink
         notes["tip_velocity"] = "of a spline through the tip"
-    fields: dict[str, Any] = {
-        "t": times, "tip": u, "tip_velocity": w, "provenance": notes, "system": system,
-        "contacts": () if system is None else tuple(_contacts(system, times, u, w, smoothed, q, v)),
-    }  # fmt: skip
-    if system is not None and q is not None and v is not None:
-        pieces = [(times, q, v, np.full((len(times), len(system.contacts)), np.nan))]
+    fields: dict[str, Any] = {"t": times, "tip": u, "tip_velocity": w, "provenance": notes, "system": system}
+    if system is None:
+        return fields | {"contacts": ()}
+    notes["units"] = list(system.units)
+    fields["contacts"] = tuple(_contacts(system, times, (u, w), smoothed, states))
+    if states is not None:
+        pieces = [(times, *states, np.full((len(times), len(system.contacts)), np.nan))]
         fields["pieces"] = partial(iter, pieces)
         fields["ledger"] = None if system.rigid else partial(step_ledger, system, pieces, times)
     return fields
 
 
 def _contacts(
-    system: System, t: Array, u: Array, w: Array, smoothed: bool, q: Array | None, v: Array | None
+    system: System, t: Array, tip: tuple[Array, Array], smoothed: bool, states: tuple[Array, Array] | None
 ) -> Iterator[ContactRecord]:
-    """Record of every contact: from the states, or from the tip where it is the contact point; else NaN. smoothed: the
-    velocity of the tip is a spline's, which has no jump at rigid stops."""
+    """Record of every contact: from the states, or from the motion of the tip where it is the contact point; else NaN.
+    smoothed: the velocity of the tip is a spline's, which has no jump at rigid stops."""
     for i, contact in enumerate(system.contacts):
-        if system.reads_tip(i) and not (smoothed and contact.stops.rigid):
-            yield sampled_record(t, u, w, contact.stops)
-        elif q is not None and v is not None:
-            yield sampled_record(t, *channel_motion(contact.row, contact.offset, t, q, v), contact.stops)
+        motion = tip if system.reads_tip(i) and not (smoothed and contact.stops.rigid) else None
+        if states is not None:
+            motion = channel_motion(contact.row, contact.offset, t, *states)
+        if motion is not None:
+            yield sampled_record(t, *motion, contact.stops)
         else:
             nothing, unknown = np.full(len(t), np.nan), float("nan")
             yield ContactRecord(
@@ -300,11 +188,10 @@ def distinct_times(t: Array) -> tuple[Array, NDArray[np.int64]]:
     return t[first], np.append(np.flatnonzero(first)[1:], len(t)) - 1
 
 
-def _array(name: str, values: Any, shape: tuple[int, ...], rule: str) -> Array:
-    """Finite numbers of the shape; 0: of any length."""
-    array = numbers(name, values, remedy="end the run before it overflows")
-    fits = array.ndim == len(shape) and all(k in (0, n) for k, n in zip(shape, array.shape, strict=True))
-    if not fits or len(array) < 3:
-        remedy = "give a list" if len(shape) == 1 else "give a row for each time"
-        raise InputError(name, f"shape {array.shape}", rule, remedy)
+def _rows(name: str, values: Any, *shapes: tuple[int, ...]) -> Array:
+    """Finite numbers of one of the shapes."""
+    array = numbers(name, values, remedy=OVERFLOWS)
+    if array.shape not in shapes:
+        remedy = "give one number per time, or with their system a row of all unknowns"
+        raise InputError(name, f"shape {array.shape}", f"have shape {' or '.join(map(str, shapes))}", remedy)
     return array

@@ -35,8 +35,7 @@ def last_before(t: Array, wrong: BoolArray, end: float) -> float:
 
 
 def at_rest_until(t: Array, u: Array, scale: float) -> float:
-    """The last output time before a contact has moved from its start, by STILL of the ``scale``; 0.0 if the outputs
-    begin later."""
+    """The last output time before a contact has moved from its start, by STILL of the ``scale``; 0.0 if t[0] > 0."""
     return 0.0 if t[0] > 0.0 else last_before(t, np.abs(u - u[0]) > STILL * scale, float(t[-1]))
 
 
@@ -47,8 +46,7 @@ class Impacts:
     An impact of kind "event" is a time t* > 0 where the contact state chi goes from 0 to +-1. One of kind "sampled" is
     a step n >= 1 with chi_n != 0 and chi_n != chi_{n-1}; its time is the first crossing of the stop by the cubic
     Hermite interpolant of (u, u'), and so is its end, in the first step that leaves the stop. A damped stop lets go
-    before that, where the secant of its force is zero. Against rigid stops a scheme's impact is a row of steps with a
-    reaction.
+    before that, where the secant of its force is zero. At rigid stops it is a row of steps with a reaction.
 
     Contact at t = 0 is no impact, in either kind and with every law. This holds for a motion that begins beyond a stop,
     or exactly on one without leaving it, and for the impact of a rigid stop at t = 0. That contact ends when the gap

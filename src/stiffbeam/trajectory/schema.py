@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
 from ..basics.storage import content_hash, write_netcdf, write_whole
 from ..basics.text import Units, plain, unit_of
-from ..basics.validation import InputError, file_path
+from ..basics.validation import InputError, file_path, numbers
 from ..model.members import STARTS, SYSTEMS
 
 if TYPE_CHECKING:
@@ -200,6 +200,23 @@ class Saved:
     def units(self) -> Units:
         """Names of the units of length, time and force."""
         return tuple(self.provenance.get("units", ()))
+
+    def to_dataframe(self: Any) -> pandas.DataFrame:
+        """Return a row for each output time of a run, or each member of an ensemble, the index.
+
+        Of a run: tip, tip_velocity, ``contact_force_0`` and so on of every contact, and the energies if the run has an
+        energy balance. Of an ensemble: the varied parameter by its name where it is a number, ``diverged``, and
+        ``impact_count_0``, ``contact_fraction_0``, ... of every contact. Units and provenance in ``attrs``.
+        """
+        notes = {"provenance": self.provenance}
+        if self.kind != "ensemble":
+            return frame_of(values_of(self), "time", self.units, **notes)
+        return frame_of(values_of(self), "member", self.units, parameter=self.members.parameter, **notes)
+
+    def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
+        """All variables as an xarray.Dataset with units, provenance as attributes; of a run, with positions x along the
+        beam, also displacement(time, x) and velocity(time, x)."""
+        return dataset_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
 
     def save(self: Any, file: str | Path) -> Path:
         """Write it in the format that the suffix names; an interrupted write leaves no file.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,13 +18,11 @@ from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.text import DRAW, sentence, several
 from ..basics.validation import InputError, integer, numbers, positive, sequence
-from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_impacts
+from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_record
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
-from .schema import Saved, dataset_of, frame_of, output_index, values_of
+from .schema import Saved, output_index
 
 if TYPE_CHECKING:
-    import pandas
-    import xarray
     from matplotlib.figure import Figure
 
     from ..model.contact import Stops
@@ -41,7 +39,21 @@ def versions() -> dict[str, str]:
     return {"stiffbeam": version("stiffbeam"), "numpy": np.__version__, "python": platform.python_version()}
 
 
-class Diverged(RuntimeError):
+class _Stopped(RuntimeError):
+    """A run that ended at the time t, by its method, that time, and further parts of a sentence."""
+
+    joints: ClassVar[tuple[str, ...]]  # of the parts
+
+    def __init__(self, method: str, t: float, *others: str) -> None:
+        super().__init__(method, t, *others)
+        self.t = t
+
+    def __str__(self) -> str:
+        method, t, *others = self.args
+        return sentence((method, f"{t:.6g}", *others), self.joints)
+
+
+class Diverged(_Stopped):
     """A run of a scheme that overflowed. The message gives a fix.
 
     Parameters
@@ -52,15 +64,10 @@ class Diverged(RuntimeError):
         Time of the first value that is not finite.
     """
 
-    def __init__(self, scheme: str, t: float, remedy: str) -> None:
-        super().__init__(scheme, t, remedy)
-        self.scheme, self.t, self.remedy = scheme, t, remedy
-
-    def __str__(self) -> str:
-        return sentence((self.scheme, f"{self.t:.6g}", self.remedy), (" overflowed at t = ", ": "))
+    joints = " overflowed at t = ", ": "
 
 
-class SolverFailure(RuntimeError):
+class SolverFailure(_Stopped):
     """A reference solver that could not go on. The message gives the reason and a fix.
 
     Parameters
@@ -70,13 +77,7 @@ class SolverFailure(RuntimeError):
         The time that the solver had reached.
     """
 
-    def __init__(self, solver: str, t: float, reason: str, remedy: str) -> None:
-        super().__init__(solver, t, reason, remedy)
-        self.solver, self.t, self.reason, self.remedy = solver, t, reason, remedy
-
-    def __str__(self) -> str:
-        parts = self.solver, f"{self.t:.6g}", self.reason, self.remedy
-        return sentence(parts, (" stopped at t = ", ": ", "; "))
+    joints = " stopped at t = ", ": ", "; "
 
 
 class Unfinished(RuntimeError):
@@ -143,25 +144,24 @@ class Trajectory(Saved):
     def from_arrays(
         cls,
         t: ArrayLike,
-        tip: ArrayLike | None = None,
+        tip: ArrayLike,
         tip_velocity: ArrayLike | None = None,
         system: System | None = None,
-        states: tuple[ArrayLike, ArrayLike] | None = None,
         name: str = "own",
     ) -> Trajectory:
         """A run of another program: positions of the tip, and its velocity, at increasing times t (k,) from 0 on.
 
-        If a time occurs twice, or increases by rounding only, as at an event, the later row counts, and ``t`` has it
-        once.
+        With a system, tip and tip_velocity may be q and q' (k, n) of all unknowns, which also give the energy balance,
+        every contact and the displacement. If a time occurs twice, or increases by rounding only, as at an event, the
+        later row counts, and ``t`` has it once.
 
         tip_velocity: by default that of a cubic spline through the tip, which smooths every kink; the provenance then
         states this. system: what was integrated; with it the run can be compared, and the contact at the tip has its
-        sampled impacts and force. states: (q, q'), each (k, n); they give the energy balance, every contact, the
-        displacement and, if it is missing, the tip. Quantities that the arrays do not determine are NaN, or raise an
-        error when used. name: its name in tables and pictures. provenance["dt"] is the median step. Raises InputError
-        for decreasing times, two positions at one time, other shapes, and numbers that are not finite.
+        sampled impacts and force. Quantities that the arrays do not determine are NaN, or raise an error when used.
+        name: its name in tables and pictures. provenance["dt"] is the median step. Raises InputError for decreasing
+        times, two positions at one time, other shapes, and numbers that are not finite.
         """
-        entries = run_fields(t, tip, tip_velocity, system, states, name)
+        entries = run_fields(t, tip, tip_velocity, system, name)
         unknown = float("nan")
         return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
@@ -209,8 +209,7 @@ class Trajectory(Saved):
     def states(self) -> tuple[Array, Array]:
         """(q, q') at the output times, each (k, n); q is v = u - phi (1 - (x/L)^2) for a beam."""
         if self.pieces is None:
-            reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
-            raise InputError("states", reason, "come from a run", "integrate again, or pass states")
+            raise InputError("states", self._source, "come from a run", "integrate again, or pass q and v")
         every, kept, first = int(self.provenance.get("every", 1)), [], 0
         for t, q, v, _ in self.pieces():
             # Pieces share end points: the first row of a later one is there already.
@@ -222,6 +221,11 @@ class Trajectory(Saved):
         return q, v
 
     @property
+    def _source(self) -> str:
+        """Source of a run without states."""
+        return NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+
+    @property
     def has_energy(self) -> bool:
         """True if the run has an energy balance, or can compute one."""
         return self.ledger is not None or "energy" in vars(self)
@@ -231,10 +235,9 @@ class Trajectory(Saved):
         """Energy balance at the output times; that of a scheme is summed over every step. Raises Diverged if an energy
         is beyond float64 although the motion is not."""
         if self.ledger is None:
-            reason = NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
             if self.pieces is not None:
                 raise InputError("energy", NO_REACTIONS, "be that of a run with them", "use integrate")
-            raise InputError("energy", reason, "have been saved with the run", "run it again, with its states")
+            raise InputError("energy", self._source, "have been saved with the run", "run it again, with its states")
         ledger = self.ledger()
         finite = np.all([np.isfinite(getattr(ledger, column.name)) for column in fields(ledger)], axis=0)
         if not np.all(finite):
@@ -261,19 +264,8 @@ class Trajectory(Saved):
         return DRAW["run"](self)
 
     def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
-        """Write a film, .gif or .mp4, of this run and the runs ``beside`` it between their stops; options: see
-        ``figures.animation.animate``."""
+        """Write a film, .gif or .mp4, of this run and runs ``beside`` it; options: ``figures.animation.animate``."""
         return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, **options)
-
-    def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row for each output time (the index): tip, tip_velocity, ``contact_force_0`` and so on of every
-        contact, and the energies if the run has an energy balance. Units and provenance in ``attrs``."""
-        return frame_of(values_of(self), "time", self.units, provenance=self.provenance)
-
-    def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
-        """Tip, contacts, impacts and energy as an xarray.Dataset with units, provenance as attributes; with positions
-        x along the beam also displacement(time, x) and velocity(time, x)."""
-        return dataset_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
 
 
 def _travels(value: Any) -> bool:
@@ -414,7 +406,7 @@ class Reference(Trajectory):
             return Impacts.at([], [], "sampled")
         self._contact(contact)
         t = np.arange(steps + 1) * dt
-        return sampled_impacts(t, *self.at(t, contact=contact), self.contacts[contact].stops)
+        return sampled_record(t, *self.at(t, contact=contact), self.contacts[contact].stops).impacts
 
     def _contact(self, contact: int) -> None:
         """Refuse the number of a contact that is not there."""
