@@ -81,7 +81,6 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
     ) -> int:  # fmt: skip
         from ..studies.base import perform
 
-        check_json(json)
         chosen, options = asked_case(case, dt, t_end), options or kind()
         folder = make_folder(out if out is not None else default_folder(chosen.name))
         if jobs is None:
@@ -104,6 +103,19 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 
 # ---------------------------------------------------------------- options and output
 
+
+def _json_file(_: Any, file: Path | None) -> None:
+    """Raise InputError for a --json that cannot be a file, before anything is computed."""
+    if file is None or str(file) == "-":
+        return
+    file_path("--json", file)
+    if file.is_dir():
+        raise InputError("--json", str(file), "be a file, or - for the terminal", "name a file in that folder")
+    make_folder(file.parent, "--json")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
+
+
 # Options that several commands have.
 CaseName = Annotated[str, Parameter(help="table1 .. table17, a case file, or file.toml:name.")]
 Step = Annotated[float | None, Parameter(help="Time step in place of the case's.")]
@@ -114,7 +126,8 @@ Out = Annotated[
 Jobs = Annotated[int | None, Parameter(help="Processes; by default one per core.")]
 Form = Annotated[str | None, Parameter(help="displacement, velocity-curvature or hermite.")]
 Json = Annotated[
-    Path | None, Parameter(allow_leading_hyphen=True, help="Write the records to this file, - for stdout.")
+    Path | None,
+    Parameter(allow_leading_hyphen=True, validator=_json_file, help="Write the records to this file, - for stdout."),
 ]
 
 
@@ -142,18 +155,6 @@ def file_name(label: str) -> str:
     """The label without the characters that shells and file systems dislike, never a folder's name for another."""
     plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
     return cut("".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip("."), 100) or "_"
-
-
-def check_json(file: Path | None) -> None:
-    """Raise InputError for a --json that cannot be a file, before anything is computed."""
-    if file is None or str(file) == "-":
-        return
-    file_path("--json", file)
-    if file.is_dir():
-        raise InputError("--json", str(file), "be a file, or - for the terminal", "name a file in that folder")
-    make_folder(file.parent, "--json")
-    if not os.access(file if file.exists() else file.parent, os.W_OK):
-        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
 
 
 def json_text(command: str, records: Mapping[str, Any]) -> str:
@@ -213,7 +214,6 @@ def compare(
     positive("--budget", options.budget)
     schemes = None if options.schemes is None else split_runs(options.schemes)
     names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
-    check_json(json)
     for flag, listed in (("--schemes", schemes), ("--references", names)):
         if listed == []:
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
@@ -332,7 +332,6 @@ def reference(
     from ..measures.errors import impact_times
     from ..references import reference, substitute
 
-    check_json(json)
     chosen = asked_case(case, None, t_end)
     system, end = chosen.system(form), chosen.t_end
     method = method or (BEST[1] if substitute(system, end) else BEST[0])
@@ -388,7 +387,6 @@ def score(
 
     if integrators is not None and trajectory:
         raise InputError("INTEGRATORS", integrators, "be left out with --trajectory", "give one command for each")
-    check_json(json)
     if out is not None:
         make_folder(out)  # before the work begins
     names = None if problem is None else [name.strip() for name in problem.split(",")]
@@ -420,7 +418,6 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     """
     from ..files import case_blocks, paper_entries, paper_text
 
-    check_json(json)
     if show is not None:
         blocks = case_blocks(paper_text())
         if show not in blocks:
@@ -441,7 +438,6 @@ def doctor(*, json: Json = None) -> int:
     from ..basics.storage import directory
     from ..testset.score import score
 
-    check_json(json)
     versions = {"python": f"{platform.python_version()} on {platform.platform()}", "stiffbeam": version("stiffbeam")}
     versions |= {name: version(name) for name in ("numpy", "scipy", "pandas", "xarray", "matplotlib")}
     for method in REFERENCES.values():
