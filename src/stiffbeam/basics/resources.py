@@ -137,9 +137,7 @@ LOOK = 0.25  # s between two looks at the time
 WAIT = 3.0  # s of work, after which a call from Python shows what is going on
 
 
-# quiet: no output, as with ``--quiet``. kept: a part is finished and stored that the same command, run again, does not
-# compute again.
-TALK = SimpleNamespace(quiet=False, kept=False)
+TALK = SimpleNamespace(quiet=False)  # quiet: no output, as with ``--quiet``
 
 
 def silent(what: str, done: int, total: int) -> None:

@@ -70,8 +70,7 @@ def main() -> None:
             raise
         _fail(error, 1)
     except KeyboardInterrupt:
-        kept = "finished parts are kept, " if TALK.kept else ""
-        print(f"stiffbeam: interrupted; {kept}run the same command again", file=sys.stderr)
+        print("stiffbeam: interrupted; finished parts are kept, run the same command again", file=sys.stderr)
         if stopped:  # at once: worker processes end with this one
             sys.stdout.flush()
             sys.stderr.flush()

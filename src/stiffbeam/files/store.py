@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from ..basics import storage
 from ..basics.arrays import Array
-from ..basics.resources import TALK, Show
+from ..basics.resources import Show
 from ..basics.storage import content_hash, read_netcdf, write_netcdf
 from ..basics.text import printable
 from ..basics.validation import InputError, file_path, numbers, positive
@@ -302,7 +302,6 @@ def cached_reference(
         return result  # more seconds reach further
     try:
         keep(result, file)
-        TALK.kept = True
         storage.forget(file.parent, "*.nc", MOST)
     except InputError as error:
         if error.field != "file":

@@ -100,7 +100,7 @@ class Rigid(Study):
         })  # fmt: skip
         if len(near) < 2:
             return Answer("Fewer than two of the stiffest stops tried have as many impacts as rigid ones.", small)
-        order, soft = base.order_over(near, lambda rows: 1.0 / rows.kappa, "tip_error"), rows.iloc[0]
+        order, soft = base.order_over(1.0 / near.kappa, near.tip_error), rows.iloc[0]
         which = "the case's kappa" if soft.factor == 1.0 else "kappa"
         first, here = (f"{x:.2g}" for x in (near.kappa.iloc[0], soft.kappa))
         return Answer(
@@ -120,7 +120,7 @@ class Rigid(Study):
                 continue
             axis.axvline(kappa, color="0.5", lw=0.9, ls=":", label="κ of the case")
             kept = near[near[name] > 0.0]
-            order = base.order_over(kept, lambda rows: 1.0 / rows.kappa, name)
+            order = base.order_over(1.0 / kept.kappa, kept[name])
             label = f"in 1/κ: {order}" if np.isfinite(order.slope) else "as many impacts as rigid stops"
             axis.plot(kept.kappa, kept[name], label=label, **style)
             others = table[(table[name] > 0.0) & ~table.index.isin(near.index)]

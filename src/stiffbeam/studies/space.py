@@ -143,7 +143,7 @@ class Space(Study):
 def orders(table: Table) -> dict[tuple[str, str], Order]:
     """The observed order in h by (quantity, form)."""
     parts = table.groupby(["quantity", "form"], sort=False)
-    return {key: base.order_over(part, lambda rows: 1.0 / rows.cells, "error") for key, part in parts}
+    return {key: base.order_over(1.0 / part.cells, part.error) for key, part in parts}
 
 
 def _frequencies(case: Case, form: str, count: int) -> list[Row]:
