@@ -56,8 +56,10 @@ Line = NewType("Line", str)  # a text for one line of a terminal, a page or a fi
 Matrix = NewType("Matrix", object)  # a list of rows, of a diagonal matrix its diagonal, or the name of a file
 Row = NewType("Row", object)  # n numbers, one per unknown
 RowLoad = tuple[Row, LoadFunction]
-KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a number", list: "a list", dict: "a table"}
-WRITTEN = {str: '"..."', int: "1", float: "1.0", list: "[...]", dict: "{ ... }"}
+KINDS = {  # in words, and as they are written
+    str: ("a text", '"..."'), bool: ("a truth value", "true"), int: ("an integer", "1"), float: ("a number", "1.0"),
+    list: ("a list", "[...]"), dict: ("a table", "{ ... }"),
+}  # fmt: skip
 
 
 @dataclass(kw_only=True)
@@ -146,9 +148,8 @@ class Reader:
         units = _table(value, [*known]).get("units")
         if "units" in known:
             self.unit = (SI_TABLE | units)["time"] if isinstance(units, dict) else ""
-        for name, (_, needed) in known.items():
-            if needed:
-                _needed(value, name)
+        for name in (name for name, (_, needed) in known.items() if needed):
+            _taken(value, name)
         return kind(**{name: self._part(f".{name}", value[name], known[name][0]) for name in known if name in value})
 
     def _part(self, step: str, value: Any, kind: Any) -> Any:
@@ -161,17 +162,15 @@ class Reader:
         self.size = 0
         return self.read(value, Matrices).system()
 
-    def _time(self, value: Any, own: tuple[str, ...] = ()) -> TimeFunction:
-        """The sum, samples, constant or harmonic function of a table; ``own`` are others in it."""
+    def _time(self, value: Any) -> TimeFunction:
+        """The sum, samples, constant or harmonic function of a table."""
         one = next((name for name in ("sum", "sampled", "constant") if name in _kind(value, dict)), "")
-        rest = {name: x for name, x in value.items() if name not in own}
         if one == "sampled":
-            return self._sampled(self.read(rest, Samples))
-        known = [one] if one else ["amplitude", "frequency", "phase", "constant", "sampled", "sum"]
-        _table(value, [*known, *own])
+            return self._sampled(self.read(value, Samples))
+        _table(value, [one] if one else ["amplitude", "frequency", "phase", "constant", "sampled", "sum"])
         if one == "sum":
             return Superposition(*self._part(".sum", value["sum"], Sequence[TimeFunction]))
-        return Constant(_number(value["constant"])) if one else self.read(rest, Harmonic)
+        return Constant(_number(value["constant"])) if one else self.read(value, Harmonic)
 
     def _sampled(self, record: Samples) -> Sampled:
         if isinstance(record.sampled, Points):
@@ -181,21 +180,20 @@ class Reader:
 
     def _load(self, value: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"
-        where = _needed(value, name, "..., or shape = [...]")
-        time = self._time(value, (name,))
+        where, rest = _taken(value, name, "..., or shape = [...]")
+        time = self._time(rest)
         return DistributedLoad(PolynomialProfile(where), time) if name == "shape" else PointLoad(where, time)
 
     def _row_load(self, value: Any) -> tuple[Array, TimeFunction]:
-        time = self._time(value, ("row",))
-        return self._row(_needed(value, "row", "{ 0 = 1.0 }")), time
+        row, rest = _taken(value, "row", "{ 0 = 1.0 }")
+        return self._row(row), self._time(rest)
 
     def _contact(self, value: Any) -> Contact:
         """Row and offset beside the fields of the stops."""
-        names = [x.name for x in fields(Stops) if x.name not in ("position", "motion")]
-        _table(value, [*names, "row", "offset"])
-        row = self._row(_needed(value, "row", "{ 0 = 1.0 }"))
-        stops = self.read({name: x for name, x in value.items() if name in names}, Stops)
-        return Contact(row, stops, self._time(value["offset"]) if "offset" in value else None)
+        row, rest = _taken(value, "row", "{ 0 = 1.0 }")
+        _table(rest, [*(x.name for x in fields(Stops) if x.name not in ("position", "motion")), "offset"])
+        offset = self._time(rest.pop("offset")) if "offset" in rest else None
+        return Contact(self._row(row), self.read(rest, Stops), offset)
 
     def _beside(self, name: str) -> Path:
         if self.folder is None:
@@ -269,17 +267,17 @@ def _kind(value: Any, kind: type | tuple[type, ...]) -> Any:
     """``value`` if it is of this kind; in Python a truth value is an integer."""
     kinds = kind if isinstance(kind, tuple) else (kind,)
     if isinstance(value, bool) or not isinstance(value, kinds):
-        found = next((name for x, name in KINDS.items() if isinstance(value, x)), "something else")
-        raise InputError(
-            "", value, f"be {' or '.join(KINDS[x] for x in kinds)}", f"it is {found}: write {WRITTEN[kinds[0]]}"
-        )
+        found = next((name for x, (name, _) in KINDS.items() if isinstance(value, x)), "something else")
+        rule = f"be {' or '.join(KINDS[x][0] for x in kinds)}"
+        raise InputError("", value, rule, f"it is {found}: write {KINDS[kinds[0]][1]}")
     return value
 
 
-def _needed(table: dict[str, Any], name: str, written: str = "...") -> Any:
-    if name not in table:
+def _taken(table: Any, name: str, written: str = "...") -> tuple[Any, dict[str, Any]]:
+    """An entry that a table must have, and the other ones."""
+    if name not in _kind(table, dict):
         raise InputError(name, None, "be given", f"write {name} = {written}")
-    return table[name]
+    return table[name], {other: x for other, x in table.items() if other != name}
 
 
 def _text(value: Any, printable: str = " \t\n") -> str:
