@@ -116,10 +116,8 @@ def _json_file(_: Any, file: Path | None) -> None:
     if file is None or str(file) == "-":
         return
     file_path("--json", file)
-    if file.is_dir():
-        raise InputError("--json", str(file), "be a file, or - for the terminal", "name a file in that folder")
     make_folder(file.parent, "--json")
-    if not os.access(file if file.exists() else file.parent, os.W_OK):
+    if file.is_dir() or (file.exists() and not os.access(file, os.W_OK)):
         raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
 
 
