@@ -27,7 +27,7 @@ from cyclopts import App, CycloptsError, Parameter
 from .basics.resources import TALK, cores, working
 from .basics.storage import make_folder, write_whole
 from .basics.text import cut, plain
-from .basics.validation import InputError, file_path, near, positive
+from .basics.validation import InputError, file_path, one_of, positive
 from .references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
 
 if TYPE_CHECKING:
@@ -425,9 +425,7 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
 
     if show is not None:
         blocks = case_blocks(paper_text())
-        if show not in blocks:
-            raise InputError("--show", show, "be a table of the paper", near(show, blocks))
-        say(blocks[show].rstrip())
+        say(blocks[one_of("--show", show, blocks, "be a table of the paper")].rstrip())
         return
     rows = paper_entries()
     if write_json("cases", {"cases": rows}, json):

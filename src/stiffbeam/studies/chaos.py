@@ -22,7 +22,7 @@ from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.text import unit_of, with_unit
-from ..basics.validation import InputError, positive
+from ..basics.validation import InputError, instance, positive
 from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
@@ -198,10 +198,8 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
             return replace(function, t=function.t - t)
         if isinstance(function, Superposition):
             return Superposition.weighted((factor, shift(f)) for factor, f in function.terms)
-        if not isinstance(function, Constant):
-            rule = "be made of Harmonic, Constant and Sampled to be started later"
-            raise InputError("time function", function, rule, "sample it: Sampled(t, values, 'cubic')")
-        return function
+        rule = "be made of Harmonic, Constant and Sampled to be started later"
+        return instance("time function", function, Constant, "sample it: Sampled(t, values, 'cubic')", rule)
 
     return replace(
         system,
