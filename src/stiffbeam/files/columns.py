@@ -171,9 +171,6 @@ def read_samples(
     """
     table = read_columns(file, "sampled")
     names = list(table.columns)
-    if dt is None and len(names) < 2:
-        found, remedy = f"{file}: {len(names)} columns", "give dt, the sampling interval"
-        raise InputError("sampled", found, "have two columns, times and values", remedy)
     time = None if dt is not None and not any(bare(x)[0] in TIMES for x in names) else time_of(file, "sampled", table)
     if dt is not None and time is not None:
         raise InputError("dt", dt, f"be left out where {file} has times, {time!r}", "leave it out")
@@ -181,8 +178,9 @@ def read_samples(
     if column is None:
         if len(others) != 1 or names.count(others[0]) > 1:
             named = " or ".join(repr(x) for x in others if isinstance(x, str)) or "a name in a first line"
-            found, rule = f"{file}: {len(names)} columns", "have two columns, times and values"
-            raise InputError("sampled", found, rule, f"name one: column = {named}")
+            found, remedy = f"{file}: {len(names)} columns", "give dt, the sampling interval"
+            remedy = f"name one: column = {named}" if others else remedy
+            raise InputError("sampled", found, "have two columns, times and values", remedy)
         column = others[0]
     elif others.count(column) != 1:
         remedy = f"the file has {', '.join(map(str, others)) or 'none'}"
