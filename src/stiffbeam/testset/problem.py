@@ -124,11 +124,8 @@ def matrix(given: ArrayLike | Mapping[str, Any]) -> Array:
     """A symmetric matrix from its rows, or from { bands = [[a_11, a_22, ...], [a_12, a_23, ...], ...] }."""
     if not isinstance(given, Mapping):
         return np.array(given, float)
-    bands = [np.array(band, float) for band in given["bands"]]
-    full = np.diag(bands[0])
-    for k, band in enumerate(bands[1:], start=1):
-        full = full + np.diag(band, k) + np.diag(band, -k)
-    return full
+    upper: Any = sum(np.diag(np.array(band, float), k) for k, band in enumerate(given["bands"]))
+    return upper + np.triu(upper, 1).T
 
 
 def folder() -> Path:
