@@ -171,14 +171,14 @@ def advised_row(table: Table) -> Any:
     return next(table[table.kind == "advised"].itertuples(), None)
 
 
-def advised(records: Records, every: int = 1) -> Trajectory:
+def advised(records: Records) -> Trajectory:
     """The run that is advised. Raises InputError where there is none."""
     row, case = advised_row(records.table), records.case
     if row is None:
         raise InputError("records", records.answer.verdict, "advise a run", "ask for larger errors")
     study: Any = records.study
     scheme = base.chosen_schemes(case, study.schemes)[row.scheme]
-    return integrate(case.system(study.form), scheme, row.dt, row.t_end, row.contact, every)
+    return integrate(case.system(study.form), scheme, row.dt, row.t_end, row.contact)
 
 
 def _label(row: Any) -> str:

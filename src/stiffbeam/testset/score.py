@@ -107,12 +107,9 @@ class Scorecard(Reported):
     Parameters
     ----------
     entries : sequence of Entry
-    version : str
-        Version of the test set.
     """
 
     entries: tuple[Entry, ...]
-    version: str = VERSION
 
     @property
     def flagged(self) -> tuple[Entry, ...]:
@@ -136,7 +133,7 @@ class Scorecard(Reported):
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""
         entries = [e.row() | {"runs": list(e.runs)} for e in self.entries]
-        return plain({"measured": ["entries.seconds", "entries.runs.seconds"], "test_set": self.version,
+        return plain({"measured": ["entries.seconds", "entries.runs.seconds"], "test_set": VERSION,
                       "entries": entries})  # fmt: skip
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -177,7 +174,7 @@ class Scorecard(Reported):
 
     def report(self) -> Report:
         """The summary, the table, and every reason, once for all problems and integrators that share it."""
-        who = self.integrators[0] if len(self.integrators) == 1 else f"test set {self.version}"
+        who = self.integrators[0] if len(self.integrators) == 1 else f"test set {VERSION}"
         head = "Errors are those of the finest run; of the tip the rms over its largest displacement."
         if len(self.integrators) > 1:
             head = f"Tip error of the finest run. !: see below. {DASH}: {NOT_TAKEN}."
