@@ -166,17 +166,15 @@ class Reader:
         """The sum, samples, constant or harmonic function of a table."""
         one = next((name for name in ("sum", "sampled", "constant") if name in _kind(value, dict)), "")
         if one == "sampled":
-            return self._sampled(self.read(value, Samples))
+            record = self.read(value, Samples)
+            points, options = record.sampled, {x.name: getattr(record, x.name) for x in fields(record)[2:]}
+            if isinstance(points, Points):
+                return Sampled(np.array(points.t), np.array(points.values), record.kind)
+            return Sampled(*read_samples(self._beside(points), **options, unit=self.unit), record.kind)
         _table(value, [one] if one else ["amplitude", "frequency", "phase", "constant", "sampled", "sum"])
         if one == "sum":
             return Superposition(*self._part(".sum", value["sum"], Sequence[TimeFunction]))
         return Constant(_number(value["constant"])) if one else self.read(value, Harmonic)
-
-    def _sampled(self, record: Samples) -> Sampled:
-        if isinstance(record.sampled, Points):
-            return Sampled(np.array(record.sampled.t), np.array(record.sampled.values), record.kind)
-        options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
-        return Sampled(*read_samples(self._beside(record.sampled), **options, unit=self.unit), record.kind)
 
     def _load(self, value: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"

@@ -243,10 +243,13 @@ class Search:
         than the best that does.
         """
         show, begun, best = current(), clock(), None
+        drives = (2.0 * np.pi / rate for rate in Drive.of(self.system).frequencies)
+        period = min(scales(self.system, self.t_end).period, *drives, self.t_end)
+        coarsest = min(most, max(4, int(np.ceil(PER_PERIOD * self.t_end / period * (1 - 1e-12)))))
         for done, (scheme, contact) in enumerate(candidates, 1):
             show(f"advise: {label_of_run(scheme)}, {contact}", done - 1, len(candidates))
             until = begun + (self.until - begun) * done / len(candidates)
-            good, steps = None, self._coarsest(most)
+            good, steps = None, coarsest
             # What costs more than the best run that meets the requirements cannot be chosen.
             while best is None or (good["work"] if good else steps * len(scheme.nodes)) < best["work"]:
                 if steps > most or (clock() > until and self.tried):
@@ -261,12 +264,6 @@ class Search:
                     break
                 good, steps = run if self.meets(run) else None, 2 * steps
         return best
-
-    def _coarsest(self, most: int) -> int:
-        """Number of steps of the coarsest runs."""
-        drives = (2.0 * np.pi / rate for rate in Drive.of(self.system).frequencies)
-        period = min(scales(self.system, self.t_end).period, *drives, self.t_end)
-        return min(most, max(4, int(np.ceil(PER_PERIOD * self.t_end / period * (1 - 1e-12)))))
 
     def _confirmed(self, scheme: Scheme, coarse: Row) -> bool:
         """Return True where runs of steps between those of ``coarse`` and their half meet the want too."""

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from ..basics.arrays import Array
 from ..basics.text import with_unit
 from ..basics.validation import InputError
 from ..figures.chart import Figure, log_scale, style_of
@@ -82,11 +81,13 @@ class Rigid(Study):
         error = tip_error(exact.at(t)[0], rigid.at(t)[0])
         inside = exact.impacts.until(end)
         pairs = min(n, inside.count)
+        ratios = inside.impulses[:pairs] / rigid.impacts.impulses[:pairs]
+        known = ratios[np.isfinite(ratios)]
         return {
             "kappa": kappa, "end": end, "tip_error": error.max, "tip_error_rms": error.rms,
             "impacts": inside.count, "rigid_impacts": n,
             "impact_time_error": float(np.max(np.abs(inside.times[:pairs] - times[:pairs]), initial=0.0)),
-            "impulse_error": _impulse_error(inside.impulses[:pairs], rigid.impacts.impulses[:pairs]),
+            "impulse_error": float(abs(known[0] - 1.0)) if len(known) else np.nan,
         }  # fmt: skip
 
     def answer(self, table: Table, case: Case) -> Answer:
@@ -127,12 +128,6 @@ class Rigid(Study):
             axis.plot(others.kappa, others[name], label="other impacts than rigid stops", **style | {"mfc": "white"})
             log_scale(axis)
             axis.legend(frameon=False, fontsize=8)
-
-
-def _impulse_error(impulses: Array, rigid: Array) -> float:
-    """The relative error of the first impulse that is known."""
-    known = np.isfinite(impulses)
-    return float(abs(impulses[known][0] / rigid[known][0] - 1.0)) if np.any(known) else float("nan")
 
 
 def same_impacts(table: Table) -> Table:

@@ -22,7 +22,7 @@ import pandas as pd
 from ..basics.arrays import Array
 from ..basics.text import unit_of, with_unit
 from ..basics.validation import InputError, number
-from ..figures.chart import Axes, Figure, dashed, log_scale, look, tip_text
+from ..figures.chart import Figure, dashed, log_scale, look, tip_text
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
@@ -171,37 +171,29 @@ class Sweep(Study):
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Sections, impacts and forces on one axis."""
-        contacts = table[table.kind == "contact"]
-        sections = table[table.kind == "section"]
+        contacts, sections = (table[table.kind == kind].sort_values(self.parameter) for kind in ("contact", "section"))
         measures = self._measures(contacts, case) if len(contacts) else []
         heights = ([3.0] if len(sections) else []) + [1.0] * len(measures)
         axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        method: dict[str, Any] = look(str(table.method.iloc[0])) | {"marker": ".", "ms": 3.0}
         if len(sections):
-            self._section(axes[0], sections, case)
+            # The fainter the more points there are, so that bands and curves can be told apart.
+            dots = {"linestyle": "", "mew": 0.0, "alpha": float(np.clip(2e4 / len(sections), 0.15, 0.9))}
+            axes[0].plot(sections[self.parameter], sections.tip, rasterized=True, **method | dots)
+            tip = with_unit(case.units, tip_text(case.problem, t="nT"), "length")
+            axes[0].set(title="the tip once in every period $T$ of the drive", ylabel=tip)
+        width, places = 0.7 if table[self.parameter].nunique() <= 400 else 0.0, _places(contacts)  # more are a band
         for axis, (quantity, label, scale) in zip(axes[len(axes) - len(measures) :], measures, strict=True):
-            self._measure(axis, contacts, quantity, scale)
+            for i, (place, rows) in enumerate(places):
+                style = method | {"linestyle": dashed(i), "lw": width, "label": place.strip()}
+                axis.plot(rows[self.parameter], rows[quantity] / scale, **style)
+            if len(places) > 1:
+                axis.legend(frameon=False, fontsize=8)
             axis.set(title=label)
             axis.set_ylim(bottom=0.0)
         axes[-1].set_xlabel(named(case, self.parameter))
         if 0.0 < LOG_RANGE * table[self.parameter].min() < table[self.parameter].max():
             log_scale(axes[-1], y=False)
-
-    def _section(self, axis: Axes, sections: Table, case: Case) -> None:
-        """The tip once a period. The fainter the more points there are, so that bands and curves can be told apart."""
-        dots: dict[str, Any] = {"color": look(str(sections.method.iloc[0]))["color"], "rasterized": True}
-        alpha = float(np.clip(2e4 / len(sections), 0.15, 0.9))
-        axis.plot(sections[self.parameter], sections.tip, ".", ms=3.0, mew=0.0, alpha=alpha, **dots)
-        tip = with_unit(case.units, tip_text(case.problem, t="nT"), "length")
-        axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
-
-    def _measure(self, axis: Axes, contacts: Table, quantity: str, scale: float) -> None:
-        width = 0.7 if contacts[self.parameter].nunique() <= 400 else 0.0  # more points than that are a band
-        parts = _places(contacts.sort_values(self.parameter))
-        for i, (label, rows) in enumerate(parts):
-            style: dict[str, Any] = look(str(contacts.method.iloc[0])) | {"marker": ".", "linestyle": dashed(i)}
-            axis.plot(rows[self.parameter], rows[quantity] / scale, label=label.strip(), ms=3.0, lw=width, **style)
-        if len(parts) > 1:
-            axis.legend(frameon=False, fontsize=8)
 
     def _measures(self, contacts: Table, case: Case) -> list[tuple[str, str, float]]:
         """Columns of these contacts, each with its label and its scale: impacts, time in contact, largest force."""

@@ -322,15 +322,6 @@ def _of_problem(each: Problem, run: Trajectory) -> Trajectory:
     return run
 
 
-def _levels(runner: Integrator, each: Problem) -> Sequence[float]:
-    """Steps or tolerances, the coarsest first."""
-    if runner.kind == RECORDED:
-        return sorted(len(run.t) - 1 for run in runner.source if run.fingerprint == each.system.fingerprint)
-    if runner.kind == SOLVER:
-        return TOLERANCES if runner.adaptive else TOLERANCES[-1:]
-    return each.steps
-
-
 def _entry(runner: Integrator, each: Problem, smooth: float) -> Entry:
     """All runs of an integrator on a problem, judged."""
     entry = Entry(runner.label, each, (), runner.kind == SOLVER)
@@ -348,7 +339,12 @@ def _runs(runner: Integrator, each: Problem) -> tuple[list[dict[str, float]], st
 
     Raises Diverged where no run holds.
     """
-    levels, rows, lost = list(_levels(runner, each)), list[dict[str, float]](), 0.0
+    levels, rows, lost = list[float](each.steps), list[dict[str, float]](), 0.0
+    if runner.kind == SOLVER:
+        levels = list(TOLERANCES if runner.adaptive else TOLERANCES[-1:])
+    if runner.kind == RECORDED:
+        steps = (len(run.t) - 1 for run in runner.source if run.fingerprint == each.system.fingerprint)
+        levels = list[float](sorted(steps))
     if not levels:
         raise InputError("recorded runs", runner.label, "be of this problem", "record them with its system")
     shorter = SHORTER if runner.kind in (SCHEME, FUNCTION) else 0
