@@ -235,12 +235,13 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     if DOTTED.search(text):
         raise InputError("case file", str(file), "have less than 50 dots in a key", "use tables")
     try:
-        data = _toml(text)
+        return _parse(_toml(text), str(file), file.parent)
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError("case file", str(file), "be valid TOML", f"mend it: {error}") from None
     except RecursionError:
         raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
-    return _parse(data, str(file), file.parent)
 
 
 def compared(case: Case, form: str) -> list[Scheme]:
