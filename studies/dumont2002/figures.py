@@ -10,8 +10,9 @@ import numpy as np
 
 import stiffbeam as sb
 from stiffbeam.basics.arrays import Array
-from stiffbeam.figures.chart import COLOURS, Axes, Figure, dashed, log_scale, look_of_name, new_figure, shared_legend
+from stiffbeam.figures.chart import COLOURS, Axes, Figure, dashed, log_scale, new_figure, shared_legend
 from stiffbeam.figures.runs import draw_stops, first_contact, zoom_on_stop
+from stiffbeam.schemes import SCHEMES
 
 from .numbers import amplitude_spectrum, mean_and_deviation
 from .table import Table
@@ -39,7 +40,7 @@ def style(motion: str) -> dict[str, Any]:
     if motion in TRUE:
         return {"color": "black", "linestyle": TRUE[motion]}
     scheme, shade = LOOKS[motion]
-    (colour, dashes, _), (share, white) = look_of_name(scheme), SHADES[shade]
+    (colour, dashes, _), (share, white) = SCHEMES[scheme].look, SHADES[shade]
     shaded = tuple(share * x + white for x in to_rgb(COLOURS[colour]))
     return {"color": shaded, "linestyle": dashed(dashes + 2 * shade)}
 

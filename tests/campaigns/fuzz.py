@@ -20,7 +20,7 @@ from judge import Verdict
 from wild_values import NUMBERS, TEXTS
 
 import stiffbeam as sb
-from stiffbeam.cli.commands import OWN
+from stiffbeam.cli import OWN
 from stiffbeam.files import case_blocks, paper_text
 from stiffbeam.files.cases import find_case
 from stiffbeam.studies import studies

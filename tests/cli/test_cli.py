@@ -18,7 +18,7 @@ import pandas
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.cli.commands import OWN
+from stiffbeam.cli import OWN
 from stiffbeam.files.cases import find_case, paper_cases
 from stiffbeam.references import registry
 from stiffbeam.studies.doubt import Doubt

@@ -15,7 +15,7 @@ from commands import invoke
 from fuzz import STEEL
 
 import stiffbeam as sb
-from stiffbeam.cli.commands import file_name
+from stiffbeam.cli import file_name
 
 FULL = """
 import resource, sys

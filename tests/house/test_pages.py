@@ -224,7 +224,7 @@ def test_records_are_as_documented(command, name, arguments):
 
 def test_commands_of_pages_and_of_help_are_understood():
     """Options and arguments are read as the command would; nothing is run."""
-    from stiffbeam.cli.commands import application
+    from stiffbeam.cli import application
 
     texts = [
         *TEXTS.values(),

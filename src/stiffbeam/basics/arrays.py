@@ -62,9 +62,7 @@ def is_read_only(values: Any) -> bool:
 
 def same(a: Array | None, b: Array | None) -> bool:
     """Return True if a and b are equal number by number; None equals only itself."""
-    if a is None or b is None:
-        return a is b
-    return a is b or np.array_equal(a, b)
+    return a is b or (a is not None and b is not None and np.array_equal(a, b))
 
 
 def step_lengths(t: Array) -> Array:

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import cache
 from importlib import import_module
@@ -137,9 +137,7 @@ LOOK = 0.25  # s between two looks at the time
 WAIT = 3.0  # s of work, after which a call from Python shows what is going on
 
 
-# quiet: no output, as with ``--quiet``. kept: a part is finished and stored that the same command, run again, does not
-# compute again.
-TALK = SimpleNamespace(quiet=False, kept=False)
+TALK = SimpleNamespace(quiet=False)  # quiet: no output, as with ``--quiet``
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -157,12 +155,9 @@ class Display:
 
     def show(self, what: str, done: int, total: int) -> None:
         """State that ``done`` of ``total`` parts are done, total 0 where it is not known."""
-        _, before, of = self.now
         self.now = (what, done, total)
-        if self.bar is not None:
-            # Where another total begins the time that is left is estimated anew.
-            change = self.bar.reset if total != of or done < before else self.bar.update
-            change(self.bar.task_ids[0], description=what, completed=done, total=total or None)
+        if self.bar is not None:  # which with another total estimates anew the time that is left
+            self.bar.update(self.bar.task_ids[0], description=what, completed=done, total=total or None)
 
     def open(self) -> None:
         """Show the bar, or a line, if it is time."""
@@ -178,13 +173,12 @@ class Display:
     def drawn(self) -> Any:
         """The bar, None where it cannot be drawn."""
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress, SpinnerColumn, TimeElapsedColumn
 
         console, (what, done, total) = Console(stderr=True), self.now
         if not (console.is_terminal or (console.is_jupyter and find_spec("ipywidgets"))):
             return None
-        columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), "left:",
-                   TimeRemainingColumn())  # fmt: skip
+        columns = SpinnerColumn(), *Progress.get_default_columns(), "left after", TimeElapsedColumn()
         bar = Progress(*columns, speed_estimate_period=600.0, console=console, transient=True)
         bar.add_task(what, completed=done, total=total or None)
         bar.start()
@@ -193,8 +187,7 @@ class Display:
 
 _LOCK = threading.Lock()
 _watched = threading.Event()  # set while a thread opens displays
-# Limit on BLAS, progress function and display of the calls in progress; only the first has a limit and a display.
-_calls: list[tuple[Any, Show, Display | None]] = []
+_calls: list[tuple[Show, Display | None]] = []  # in progress: progress function, and display of the first one
 
 
 def _watch() -> None:
@@ -206,13 +199,13 @@ def _watch() -> None:
             if not _calls:
                 _watched.clear()
                 return
-            if _calls[0][2] is not None:
-                _calls[0][2].open()
+            if (display := _calls[0][1]) is not None:
+                display.open()
 
 
 def current() -> Show:
     """The progress function of the call in progress, for parts of it that nothing passes it to."""
-    return _calls[0][1] if _calls else silent
+    return _calls[0][0] if _calls else silent
 
 
 @contextmanager
@@ -224,26 +217,24 @@ def working(what: str, asked: bool | Show | None = None) -> Generator[Show, None
     """
     if asked is not None and not isinstance(asked, bool) and not callable(asked):
         raise InputError("progress", asked, "be True, False or a function", "leave it out")
-    display = None
     with _LOCK:
-        limit = None if _calls else _blas().limit(limits=1, user_api="blas")
-        shows = asked is True or (asked is None and current_process().name == "MainProcess")
-        if limit is not None and shows and not TALK.quiet:
+        first, display = not _calls, None
+        if first and not TALK.quiet and (asked is True or (asked is None and current_process().name == "MainProcess")):
             display = Display(what, asked is True)
         show = display.show if display is not None else asked if callable(asked) else silent
-        _calls.append((limit, show, display))
+        limit = _blas().limit(limits=1, user_api="blas") if first else nullcontext()
+        _calls.append((show, display))
         if display is not None and not _watched.is_set():
             _watched.set()
             threading.Thread(target=_watch, daemon=True).start()
     try:
-        yield show
+        with limit:
+            yield show
     finally:
         with _LOCK:
             _calls.pop()
             if display is not None and display.bar is not None:
                 display.bar.stop()
-            if limit is not None:
-                limit.restore_original_limits()
 
 
 @cache

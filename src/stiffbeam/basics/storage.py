@@ -70,7 +70,7 @@ def regular_text(field: str, file: Path, most: int, remedy: str = "give another"
     """The text of a regular file of at most ``most`` bytes, UTF-8 or else Latin-1. Raises InputError for any other, as
     devices and pipes, which have no end."""
     try:
-        if file.is_dir() or (file.exists() and not file.is_file()):
+        if file.exists() and not file.is_file():
             raise InputError(field, str(file), "be a readable file, no folder, device or pipe", remedy)
         with file.open("rb") as stream:
             content = stream.read(most + 1)

@@ -51,14 +51,11 @@ def several(count: int, noun: str) -> str:
 def sentence(parts: Sequence[str], between: Sequence[str]) -> str:
     """parts[0] between[0] parts[1] ...: one line, its longest parts cut in the middle to make LONGEST letters."""
     parts = [printable(part) for part in parts]
-    left = LONGEST - sum(map(len, between))
-    # Shortest first: what a part does not use is left to the longer ones.
-    for taken, length in enumerate(sorted(map(len, parts))):
-        share = left // (len(parts) - taken)
-        if length > share:  # this one and all that are longer
-            parts = [cut(part, share) for part in parts]
-            break
-        left -= length
+    share = left = LONGEST - sum(map(len, between))
+    # The letters that a part may have: what shorter ones do not use is left to the longer ones.
+    while sum(min(len(part), share) for part in parts) > left:
+        share -= 1
+    parts = [cut(part, share) for part in parts]
     return "".join(x for pair in zip(parts, [*between, ""], strict=True) for x in pair)
 
 
@@ -96,29 +93,23 @@ def path_of(keys: Iterable[Any]) -> str:
     return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).removeprefix(".")
 
 
+UNITS = {  # of quantities, in the units L of length, T of time and F of force
+    "length": "L", "time": "T", "force": "F", "velocity": "L/T", "frequency": "rad/T", "rate": "1/T", "impulse": "F T",
+    "energy": "F L", "power": "F L/T", "stop stiffness": "F/L", "stop damping": "F T/L", "stop dissipation": "T/L",
+    "force per length": "F/L", "mass per length": "F T²/L²", "bending stiffness": "F L²", "bending viscosity": "F L² T",
+}  # fmt: skip
+
+
 def unit_of(units: Units, quantity: str) -> str:
     """The unit of a quantity, "" where it has none: ``unit_of(("m", "s", "N"), "velocity")`` is "m/s"."""
     if not units or not quantity:
         return ""
-    L, T, F = units
-    return {
-        "length": L,
-        "time": T,
-        "force": F,
-        "velocity": f"{L}/{T}",
-        "frequency": f"rad/{T}",
-        "rate": f"1/{T}",
-        "stop stiffness": f"{F}/{L}",
-        "stop damping": f"{F} {T}/{L}",
-        "stop dissipation": f"{T}/{L}",
-        "impulse": f"{F} {T}",
-        "energy": "J" if (F, L) in (("N", "m"), ("N m", "rad")) else f"{F} {L}",
-        "power": f"{F} {L}/{T}",
-        "force per length": f"{F}/{L}",
-        "mass per length": "kg/m" if units == SI else f"{F} {T}²/{L}²",
-        "bending stiffness": f"{F} {L}²",
-        "bending viscosity": f"{F} {L}² {T}",
-    }[quantity]
+    length, _, force = units
+    if quantity == "energy" and (force, length) in (("N", "m"), ("N m", "rad")):
+        return "J"
+    if quantity == "mass per length" and units == SI:
+        return "kg/m"
+    return UNITS[quantity].translate(dict(zip(map(ord, "LTF"), units, strict=True)))
 
 
 def with_unit(units: Units, text: str, quantity: str) -> str:

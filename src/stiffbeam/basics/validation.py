@@ -27,6 +27,7 @@ from .text import Units, path_of, sentence, shown, walk
 Known = TypeVar("Known")
 Rng = int | np.random.Generator | np.random.BitGenerator | np.random.SeedSequence | None
 MOST = 2**53  # integers up to here are floats as well
+LEAST = 1e-300  # of exact numbers: smaller ones are plain floats
 
 
 class InputError(ValueError):
@@ -126,7 +127,7 @@ def vector(field: str, value: Any, n: int | None = None) -> Array:
 
 def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> list[Any]:
     """The items of a list, tuple or array. Raises InputError for anything else, texts and dictionaries included."""
-    if isinstance(value, (list, tuple, np.ndarray, Sequence)) and not isinstance(value, (str, bytes, bytearray)):
+    if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, (str, bytes, bytearray)):
         try:
             return list(value)
         except Exception:  # an array without dimensions, or whatever the objects of others raise
@@ -265,8 +266,8 @@ def require_jax_float64() -> None:
 
 Exact = str | Fraction | Decimal | int
 
-_DECIMAL = r"(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?"
-_FACTOR = rf"(?:pi|{_DECIMAL})"
+_FACTOR = r"\s*(pi|(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?)\s*"
+_PRODUCT = re.compile(rf"\s*[+-]?{_FACTOR}(?:[*/]{_FACTOR})*")
 _PI = Fraction("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
 
 
@@ -308,9 +309,13 @@ def exact_float(value: Exact) -> float:
     "0.001", "1/3", "pi/2", "2*pi*50", with pi at most once and not below a /. Raises ValueError for other texts.
     Outside the range of normal doubles it is what float() makes of it.
     """
-    ratio, pi = _read(value) if isinstance(value, (str, Decimal)) else (Fraction(value), False)
-    if ratio is None:
-        return float(value)
+    try:
+        nearest = float(value)
+    except (ValueError, OverflowError):  # a product, or an integer too large, which is refused below
+        nearest = 1.0
+    if not LEAST <= abs(nearest) < math.inf:  # 0, infinity and NaN too, which have no ratio
+        return nearest
+    ratio, pi = _read(str(value))
     try:
         nearest = float(ratio * _PI if pi else ratio)
     except OverflowError:
@@ -345,27 +350,20 @@ def as_doubles(value: Any) -> Any:
     return value
 
 
-def _read(value: str | Decimal) -> tuple[Fraction | None, bool]:
-    """(ratio, pi) of a text, (None, False) where it is one number outside the range of normal doubles."""
-    text = re.sub(r"\s*([*/])\s*", r"\1", str(value).strip())
-    # Infinity and NaN have no ratio.
-    if re.fullmatch(r"[+-]?(inf|nan)", text, re.IGNORECASE):
-        return None, False
-    match = re.fullmatch(rf"([+-]?)({_FACTOR}(?:[*/]{_FACTOR})*)", text)
-    if match is None:
-        raise ValueError(f"{value!r} is not a number")
-    ratio, pis = Fraction(-1 if match[1] == "-" else 1), 0
-    for operation, factor in re.findall(rf"([*/]?)({_FACTOR})", match[2]):
+def _read(text: str) -> tuple[Fraction, bool]:
+    """(ratio, pi) of a product of decimals and pi."""
+    if _PRODUCT.fullmatch(text) is None:
+        raise ValueError(f"{text!r} is not a number")
+    ratio, pis = Fraction(-1 if text.lstrip().startswith("-") else 1), 0
+    for operation, factor in re.findall(rf"([*/]?){_FACTOR}", text):
         sign = -1 if operation == "/" else 1
         if factor == "pi":
             pis += sign
-        elif 1e-300 <= float(factor) < math.inf:  # the Fraction of 1e999999999 fills the memory
+        elif LEAST <= float(factor) < math.inf:  # the Fraction of 1e999999999 fills the memory
             ratio *= Fraction(factor) ** sign
-        elif match[2] == factor:
-            return None, False
         else:
-            raise ValueError(f"{value!r} leaves the range of float64")
+            raise ValueError(f"{text!r} leaves the range of float64")
     # ExactFloat is a ratio or a ratio times pi, nothing else.
     if pis not in (0, 1):
-        raise ValueError(f"{value!r} is not a number or a number times pi")
+        raise ValueError(f"{text!r} is not a number or a number times pi")
     return ratio, bool(pis)

@@ -64,26 +64,18 @@ def look(label: str) -> dict[str, Any]:
     if label in REFERENCES:
         k = REFERENCES[label].look
         return _style(SOLVERS[k % len(SOLVERS)], k, k)
-    # A user's class is named after its module.
-    name, other = re.split(r"[(.@]", label)[0], 0
-    known = name in LOOKS
-    colour, dashes, marker = look_of_name(name if known else label)
-    if known and short(label) != short(name):
-        pairs = len(DASHES) * len(MARKERS)  # coprime, so that every shift is another pair
-        other = 1 + crc32(short(label).encode()) % (pairs - 1)
-    return _style((*COLOURS, *OWN)[colour], dashes + other, marker + other)
+    name = re.split(r"[(.@]", label)[0]
+    if name not in LOOKS:  # a user's class is named after its module
+        k = _OTHERS.setdefault(label, len(_OTHERS))
+        return _style(OWN[k % len(OWN)], *_FREE[8 * k % len(_FREE)])  # dashes and marker both change with k
+    colour, dashes, marker = LOOKS[name]
+    pairs = len(DASHES) * len(MARKERS)  # coprime, so that every shift is another pair
+    other = 0 if short(label) == short(name) else 1 + crc32(short(label).encode()) % (pairs - 1)
+    return _style(COLOURS[colour], dashes + other, marker + other)
 
 
 def _style(colour: str, dashes: int, marker: int) -> dict[str, Any]:
     return {"color": colour, "linestyle": dashed(dashes), "marker": MARKERS[marker % len(MARKERS)]}
-
-
-def look_of_name(name: str) -> tuple[int, int, int]:
-    """(colour, dashes, marker) of a scheme by its name: those in LOOKS, else the next ones of _OTHERS."""
-    if name in LOOKS:
-        return LOOKS[name]
-    k = _OTHERS.setdefault(name, len(_OTHERS))
-    return len(COLOURS) + k % len(OWN), *_FREE[8 * k % len(_FREE)]  # dashes and marker both change with k
 
 
 def dashed(i: int) -> Any:

@@ -22,7 +22,7 @@ from ..model.system import System
 from ..schemes import RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
 from . import paper_text
-from .reader import Line, Reader, located
+from .reader import Line, reading
 
 
 @dataclass(frozen=True)
@@ -235,12 +235,13 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     if DOTTED.search(text):
         raise InputError("case file", str(file), "have less than 50 dots in a key", "use tables")
     try:
-        data = _toml(text)
+        return _parse(_toml(text), str(file), file.parent)
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError("case file", str(file), "be valid TOML", f"mend it: {error}") from None
     except RecursionError:
         raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
-    return _parse(data, str(file), file.parent)
 
 
 def compared(case: Case, form: str) -> list[Scheme]:
@@ -328,13 +329,10 @@ def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dic
     if unknown:
         remedy = "move it below the line [[case]]"
         raise InputError(f"{source}: {min(unknown)}", data[min(unknown)], "stand inside a [[case]] table", remedy)
-    reader = Reader(folder)
     for entry in entries:
         name = entry.get("name", "case") if isinstance(entry, dict) else "case"
-        try:
+        with reading(folder, f"{source}: {name}") as reader:
             case = reader.read(entry, Entry).case()
-        except Exception as error:
-            raise located(error, f"{source}: {name}") from None
         if case.name in cases:
             raise InputError(f"{source}: name", case.name, "be given once", "give each case a name of its own")
         cases[case.name] = case

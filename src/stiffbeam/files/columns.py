@@ -47,12 +47,12 @@ def read_columns(file: Path, field: str) -> pandas.DataFrame:
     if not lines:
         remedy = "a line holds a time and a value, as in 0.0, 1.5"
         raise InputError(field, str(file), "hold two or more lines of numbers", remedy)
-    split = _splitter(lines)
-    cells = [split(line) for line in lines]
+    separator = _separator(lines[min(1, len(lines) - 1)])  # behind a line of names
+    cells = [_cells(line, separator) for line in lines]
     names: list[Any] = []
     if _float(next((cell for cell in cells[0] if cell), "")) is None:
-        names, cells, numbers = _splitter(lines[:1])(lines[0]), cells[1:], numbers[1:]
-    elif remark and len(behind := _splitter([remark])(remark)) == len(cells[0]):
+        names, cells, numbers = _cells(lines[0], _separator(lines[0])), cells[1:], numbers[1:]
+    elif remark and len(behind := _cells(remark, _separator(remark))) == len(cells[0]):
         names = behind
     width = len(names) or len(cells[0])
     if names and not cells:
@@ -75,27 +75,21 @@ def read_columns(file: Path, field: str) -> pandas.DataFrame:
     return values.loc[:, [name not in ("", "Unnamed: 0") for name in values.columns]]
 
 
-def _splitter(lines: list[str]) -> Any:
-    """The function that splits a line into its cells."""
-    sample = lines[min(1, len(lines) - 1)]  # behind a line of names
-    for separator in (";", "\t"):
-        if separator in sample:
-            return lambda line: list(map(_pointed, _cells(line, delimiter=separator)))
-    blanks = sample.split()
-    if "," not in sample or (len(blanks) > 1 and any(map(COMMA.fullmatch, blanks)) and ", " not in sample):
-        return lambda line: [_pointed(x.strip('"')) for x in line.split()]
-    return lambda line: _cells(line, skipinitialspace=True)
+def _separator(line: str) -> str:
+    """The character between the cells of a line."""
+    blanks = line.split()
+    spaced = "," not in line or (len(blanks) > 1 and any(map(COMMA.fullmatch, blanks)) and ", " not in line)
+    return next((x for x in ";\t" if x in line), " " if spaced else ",")
 
 
-def _cells(line: str, **form: Any) -> list[str]:
+def _cells(line: str, separator: str) -> list[str]:
+    """The cells of a line, with points in place of decimal commas."""
+    line = " ".join(line.split()) if separator == " " else line
     try:
-        return [cell.strip() for cell in next(csv.reader([line], **form))]
+        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
     except csv.Error:  # a cell longer than any number: the line as one cell is refused with its number
         return [line]
-
-
-def _pointed(cell: str) -> str:
-    return cell.replace(",", ".") if COMMA.fullmatch(cell) else cell
+    return [x.replace(",", ".") if separator != "," and COMMA.fullmatch(x) else x for x in cells]
 
 
 def _float(text: str) -> float | None:
@@ -177,9 +171,6 @@ def read_samples(
     """
     table = read_columns(file, "sampled")
     names = list(table.columns)
-    if dt is None and len(names) < 2:
-        found, remedy = f"{file}: {len(names)} columns", "give dt, the sampling interval"
-        raise InputError("sampled", found, "have two columns, times and values", remedy)
     time = None if dt is not None and not any(bare(x)[0] in TIMES for x in names) else time_of(file, "sampled", table)
     if dt is not None and time is not None:
         raise InputError("dt", dt, f"be left out where {file} has times, {time!r}", "leave it out")
@@ -187,8 +178,9 @@ def read_samples(
     if column is None:
         if len(others) != 1 or names.count(others[0]) > 1:
             named = " or ".join(repr(x) for x in others if isinstance(x, str)) or "a name in a first line"
-            found, rule = f"{file}: {len(names)} columns", "have two columns, times and values"
-            raise InputError("sampled", found, rule, f"name one: column = {named}")
+            found, remedy = f"{file}: {len(names)} columns", "give dt, the sampling interval"
+            remedy = f"name one: column = {named}" if others else remedy
+            raise InputError("sampled", found, "have two columns, times and values", remedy)
         column = others[0]
     elif others.count(column) != 1:
         remedy = f"the file has {', '.join(map(str, others)) or 'none'}"

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..basics import storage
-from ..basics.arrays import Array
-from ..basics.resources import TALK, Show
+from ..basics.resources import Show
 from ..basics.storage import content_hash, read_netcdf, write_netcdf
 from ..basics.text import printable
 from ..basics.validation import InputError, file_path, numbers, positive
@@ -92,17 +91,6 @@ def freeze(solution: Reference, file: str | Path) -> Path:
         )
     data.attrs["hash"] = content_hash(data)
     return write_netcdf(data, file, compression=9)
-
-
-def _load_frozen(data: xr.Dataset, path: Path, system: System | None, t_eval: Array | None) -> Reference:
-    """The Reference in an opened file; its events are computed again. t_eval: output times, by default 2001."""
-    begun = time.perf_counter()
-    if system is None:
-        rule = "be read together with its system"
-        raise InputError("file", str(path), rule, "it holds events and states: stiffbeam.load(file, system)")
-    t_end, notes = float(data.attrs["t_end"]), json.loads(data.attrs["provenance"])
-    solution = _march(system, data, str(path))
-    return replace(reference_of(solution, t_end, t_eval, begun, "multiprecision", notes), horizon=t_end)
 
 
 def _march(system: System, data: xr.Dataset, source: str) -> Motion:
@@ -182,7 +170,14 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
         if system is not None and system.fingerprint != data.attrs["fingerprint"]:
             remedy = "it is of another one: read it with that"
             raise InputError("file", str(path), "be of the system it is read with", remedy)
-        return (_load_frozen if frozen else _from_arrays)(data, path, system, t_eval)
+        if not frozen:
+            return _from_arrays(data, path, system)
+        if system is None:
+            remedy = "it holds events and states: stiffbeam.load(file, system)"
+            raise InputError("file", str(path), "be read together with its system", remedy)
+        begun, t_end, notes = time.perf_counter(), float(data.attrs["t_end"]), json.loads(data.attrs["provenance"])
+        solution = _march(system, data, str(path))  # its events are computed again
+        return replace(reference_of(solution, t_end, t_eval, begun, "multiprecision", notes), horizon=t_end)
     except InputError:
         raise
     except Exception as error:  # a file that another tool has written may lack anything
@@ -190,7 +185,7 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
         raise InputError("file", str(path), "be a whole netCDF-4 file", remedy) from None
 
 
-def _from_arrays(data: xr.Dataset, path: Path, system: System | None, _: Array | None) -> Trajectory:
+def _from_arrays(data: xr.Dataset, path: Path, system: System | None) -> Trajectory:
     """The run or Reference in an opened file."""
     if data.attrs["kind"] == "ensemble":
         raise InputError("file", str(path), "hold one run", "it is an ensemble: xarray.open_dataset reads it")
@@ -301,7 +296,6 @@ def cached_reference(
         return result  # more seconds reach further
     try:
         keep(result, file)
-        TALK.kept = True
         storage.forget(file.parent, "*.nc", MOST)
     except InputError as error:
         if error.field != "file":

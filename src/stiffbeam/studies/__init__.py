@@ -9,7 +9,7 @@ from pkgutil import iter_modules
 from typing import Any
 
 from ..basics.resources import Show
-from ..basics.validation import InputError, one_of
+from ..basics.validation import instance, one_of
 from ..files.cases import Case, case_of, find_case
 from ..model.system import System
 from .base import STUDIES, Answer, Records, Study, option, perform
@@ -84,9 +84,7 @@ def study(
     if isinstance(case, System):
         case = case_of(case, t_end if dt is None and kind.any_step else dt, t_end)
     case = find_case(case) if isinstance(case, str) else case
-    if not isinstance(case, Case):
-        remedy = "for example 'table10'"
-        raise InputError("case", type(case).__name__, "be a case, its name, a case file, or a System", remedy)
+    instance("case", case, Case, "for example 'table10'", "be a case, its name, a case file, or a System")
     case = replace(case, **{name: x for name, x in (("dt", dt), ("t_end", t_end)) if x is not None})
     return perform(kind(**options), case, jobs, folder, progress)
 

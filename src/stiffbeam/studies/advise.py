@@ -26,7 +26,7 @@ import pandas as pd
 from cyclopts import Parameter
 
 from ..basics.resources import clock, current
-from ..basics.validation import InputError, instance, one_of, positive, sequence
+from ..basics.validation import InputError, instance, one_of, positive
 from ..figures.chart import Figure, log_scale, look, shared_legend
 from ..files.cases import Case
 from ..march.integrate import integrate
@@ -47,7 +47,7 @@ BETWEEN = 5  # steps that are tried between a step and its half
 FARTHEST = 1e4  # errors over the wanted ones that are shown: those of runs that blow up would hide the others
 PER_PERIOD = 8  # steps of the coarsest run in the shorter of the longest time scale and the drive's period
 QUANTITIES: tuple[str, ...] = ("tip", "impacts", "peak_force", "impulse")
-WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}
+WANT = {"tip": 1e-3, "impacts": 0.05, "peak_force": 0.05}  # of rigid stops impulse in the place of peak_force
 MOST_STEPS, MOST_DIRECT = 2**20, 2**14  # of a run; marched with matrices, a thousand times slower
 
 
@@ -101,7 +101,7 @@ class Advise(Study):
         return [{}]
 
     def _candidates(self, case: Case, system: System) -> list[tuple[Scheme, str]]:
-        contacts = sequence("contacts", self.contacts, "be names")[: None if system.contacts else 1]
+        contacts = (self.contacts or ())[: None if system.contacts else 1]
         schemes = base.chosen_schemes(case, self.schemes).values()
         return [(s, contact) for s in schemes for contact in contacts if TREATMENTS[contact].form_of(s)]
 
@@ -170,14 +170,14 @@ def advised_row(table: Table) -> Any:
     return next(table[table.kind == "advised"].itertuples(), None)
 
 
-def advised(records: Records, every: int = 1) -> Trajectory:
+def advised(records: Records) -> Trajectory:
     """The run that is advised. Raises InputError where there is none."""
     row, case = advised_row(records.table), records.case
     if row is None:
         raise InputError("records", records.answer.verdict, "advise a run", "ask for larger errors")
     study: Any = records.study
     scheme = base.chosen_schemes(case, study.schemes)[row.scheme]
-    return integrate(case.system(study.form), scheme, row.dt, row.t_end, row.contact, every)
+    return integrate(case.system(study.form), scheme, row.dt, row.t_end, row.contact)
 
 
 def _label(row: Any) -> str:
@@ -192,22 +192,15 @@ def _worst(runs: Table, wanted: Mapping[str, float]) -> Any:
 
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
     """The admissible errors, after their checks."""
-    wanted = dict(instance("want", WANT if want is None else want, Mapping, 'for example {"tip": 0.01}'))
-    if want is None and not system.contacts:
-        wanted = {"tip": WANT["tip"]}
-    elif want is None and system.rigid:
-        wanted["impulse"] = wanted.pop("peak_force")
+    # A blow on a rigid stop has an impulse and no force.
+    known = [x for x in QUANTITIES if not (system.rigid and x == "peak_force")] if system.contacts else ["tip"]
+    default = {x: WANT.get(x, WANT["peak_force"]) for x in known if x in WANT or system.rigid}
+    wanted = instance("want", default if want is None else want, Mapping, 'for example {"tip": 0.01}')
     if not wanted:
-        raise InputError("want", want, "name at least one quantity", f"known: {', '.join(QUANTITIES)}")
-    for name, tolerance in wanted.items():
-        one_of("want", name, QUANTITIES, "name a quantity")
-        wanted[name] = positive(f"want.{name}", tolerance)
-        if name != "tip" and not system.contacts:
-            remedy = "ask for tip only, or give the system contacts"
-            raise InputError("want", name, "be asked of a system with contacts", remedy)
-        if name == "peak_force" and system.rigid:
-            raise InputError("want", name, "be asked of compliant stops", "ask for impulse: a blow has no force")
-    return wanted
+        raise InputError("want", want, "name at least one quantity", f"known: {', '.join(known)}")
+    for name in wanted:
+        one_of("want", name, known, "name a known quantity; all but tip need a system with contacts")
+    return {name: positive(f"want.{name}", error) for name, error in wanted.items()}
 
 
 @dataclass(eq=False)
@@ -249,10 +242,13 @@ class Search:
         than the best that does.
         """
         show, begun, best = current(), clock(), None
+        drives = (2.0 * np.pi / rate for rate in self.system.drive.frequencies)
+        period = min(scales(self.system, self.t_end).period, *drives, self.t_end)
+        coarsest = min(most, max(4, int(np.ceil(PER_PERIOD * self.t_end / period * (1 - 1e-12)))))
         for done, (scheme, contact) in enumerate(candidates, 1):
             show(f"advise: {label_of_run(scheme)}, {contact}", done - 1, len(candidates))
             until = begun + (self.until - begun) * done / len(candidates)
-            good, steps = None, self._coarsest(most)
+            good, steps = None, coarsest
             # What costs more than the best run that meets the requirements cannot be chosen.
             while best is None or (good["work"] if good else steps * len(scheme.nodes)) < best["work"]:
                 if steps > most or (clock() > until and self.tried):
@@ -267,12 +263,6 @@ class Search:
                     break
                 good, steps = run if self.meets(run) else None, 2 * steps
         return best
-
-    def _coarsest(self, most: int) -> int:
-        """Number of steps of the coarsest runs."""
-        drives = (2.0 * np.pi / rate for rate in self.system.drive.frequencies)
-        period = min(scales(self.system, self.t_end).period, *drives, self.t_end)
-        return min(most, max(4, int(np.ceil(PER_PERIOD * self.t_end / period * (1 - 1e-12)))))
 
     def _confirmed(self, scheme: Scheme, coarse: Row) -> bool:
         """Return True where runs of steps between those of ``coarse`` and their half meet the want too."""

@@ -25,7 +25,7 @@ import pandas as pd
 from cyclopts import Parameter, Token
 
 from ..basics.arrays import Recent
-from ..basics.resources import TALK, Show, afford, cores, working
+from ..basics.resources import Show, afford, cores, working
 from ..basics.storage import make_folder, source_hash, write_whole
 from ..basics.text import plain, with_unit
 from ..basics.validation import InputError, exact_float, integer, one_of, sequence
@@ -262,9 +262,6 @@ def perform(
             for part, done in zip(finished, accumulate(costs), strict=True):
                 rows += part
                 show(name, done, sum(costs))
-        except KeyboardInterrupt:  # learns what the processes have kept
-            TALK.kept = TALK.kept or (store.folder is not None and any(store.folder.glob("*.json")))
-            raise
         except BrokenProcessPool as error:
             reason = "is there enough memory? Run it again; with a folder the finished points are kept"
             raise Unfinished(f"a process of the study died: {reason}") from error
@@ -322,13 +319,11 @@ class Store:
             with suppress(ValueError):
                 rows = json.loads(file.read_text(encoding="utf-8"))
                 if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
-                    TALK.kept = True
                     return rows
         text = json.dumps(compute(), default=_described)  # floats keep every bit
         rows = json.loads(text)  # as a later run reads them
         if file is not None and not any("lost" in row for row in rows):
             write_whole(file, text)
-            TALK.kept = True
         return rows
 
 
@@ -460,10 +455,9 @@ def clear_orders(orders: Mapping[str, Order]) -> str:
     return extremes(slopes, "{:.2f}".format).replace("(all)", counted)
 
 
-def order_over(table: Table, step: Callable[[Table], Any], error: str) -> Order:
-    """The observed order of column ``error`` in a step that is taken from the table, of errors above 0."""
-    kept = table[table[error] > 0.0]
-    return observed_order(step(kept), kept[error])
+def order_over(steps: Any, errors: Any) -> Order:
+    """The observed order of two columns, where the errors are above 0."""
+    return observed_order(steps[errors > 0.0], errors[errors > 0.0])
 
 
 def solve_once(system: System, t_end: float) -> Reference:

@@ -22,7 +22,7 @@ from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.text import unit_of, with_unit
-from ..basics.validation import InputError, positive
+from ..basics.validation import InputError, instance, positive
 from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
@@ -190,7 +190,6 @@ def later(system: System, t: float, q: Array, v: Array) -> System:
 
     Raises InputError for a function of time that cannot be moved.
     """
-
     system.drive.require_closed_form("a later start")
 
     def shift(function: Any) -> Any:

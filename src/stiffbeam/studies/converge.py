@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from ..basics.validation import InputError, positive
+from ..basics.validation import number, positive
 from ..figures.chart import Axes, Figure, lines, log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
 from ..integrators import SCHEME, SOLVER, Integrator, fastest
@@ -97,9 +97,8 @@ class Converge(Study):
         """Raise InputError for more steps than a computer can take."""
         super().require(case)
         positive("budget", self.budget)
-        if self.halvings > MOST_HALVINGS:
-            rule = f"be at most {MOST_HALVINGS}: the last run has 2^{MOST_HALVINGS - 1} times the steps of the first"
-            raise InputError("halvings", self.halvings, rule, "take fewer, or a smaller dt")
+        remedy = f"the last run has 2^{self.halvings - 1} times the steps of the first"
+        number("halvings", self.halvings, least=1, most=MOST_HALVINGS, remedy=remedy)
 
     def chosen(self, case: Case) -> dict[str, Integrator]:
         """Integrators by label."""

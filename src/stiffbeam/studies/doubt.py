@@ -24,6 +24,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -231,9 +232,7 @@ _EXACT = Recent[tuple[Ensemble, dict[str, Array]]](1)  # the exact members, whic
 # ---------------------------------------------------------------- intervals and the largest source
 
 
-def deviation(sample: Array, axis: int = -1) -> Array:
-    """Standard deviation of a sample."""
-    return np.std(sample, axis=axis, ddof=1)
+deviation = partial(np.std, ddof=1)  # standard deviation of a sample
 
 
 def interval(sample: Array, statistic: Callable[..., Array] = np.mean) -> tuple[float, float]:

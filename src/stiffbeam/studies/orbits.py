@@ -80,8 +80,8 @@ class Orbits(Study):
 
     def _at(self, system: System, value: float) -> tuple[System, float]:
         """System and period of the orbit at a value."""
-        setup = setup_of(system, self.parameter, value)
-        return setup.system, self.length * setup.period
+        varied, period, _ = setup_of(system, self.parameter, value)
+        return varied, self.length * period
 
     def run(self, case: Case, limits: list[float], count: int) -> list[Row]:
         """Rows of the branch with its changes of stability."""
@@ -187,7 +187,10 @@ def follow(make: Maker, values: Sequence[float], orbit: Orbit) -> tuple[Branch, 
             except FAILURES as failure:
                 step *= 0.5
                 if abs(step) < least:
-                    return branch, _end(branch, _reason(failure))
+                    last, orbit = branch[-1]
+                    fold = np.min(np.abs(orbit.multipliers - 1.0)) < FOLD
+                    met = "a fold, where two orbits meet and the branch turns back" if fold else _reason(failure)
+                    return branch, f"at {last:.6g}: {met}"
                 continue
             branch.append((value, found))
             step = np.copysign(min(2.0 * abs(step), abs(target - value)), step)
@@ -206,13 +209,6 @@ def _next(make: Maker, branch: Branch, value: float) -> Orbit:
         reason = "no orbit is close to the last one, as past a fold or a grazing"
         raise SolverFailure("periodic_orbit", value, reason, "take closer values")
     return found
-
-
-def _end(branch: Branch, reason: str) -> str:
-    value, orbit = branch[-1]
-    if np.min(np.abs(orbit.multipliers - 1.0)) < FOLD:
-        return f"at {value:.6g}: a fold, where two orbits meet and the branch turns back"
-    return f"at {value:.6g}: {reason}"
 
 
 def _unstable(orbit: Orbit) -> int:

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from ..basics.arrays import Array
 from ..basics.text import with_unit
 from ..basics.validation import InputError
 from ..figures.chart import Figure, log_scale, style_of
@@ -82,11 +81,13 @@ class Rigid(Study):
         error, largest = tip_error(exact.at(t)[0], rigid.at(t)[0])
         inside = exact.impacts.until(end)
         pairs = min(n, inside.count)
+        ratios = inside.impulses[:pairs] / rigid.impacts.impulses[:pairs]
+        known = ratios[np.isfinite(ratios)]
         return {
             "kappa": kappa, "end": end, "tip_error": largest, "tip_error_rms": error,
             "impacts": inside.count, "rigid_impacts": n,
             "impact_time_error": float(np.max(np.abs(inside.times[:pairs] - times[:pairs]), initial=0.0)),
-            "impulse_error": _impulse_error(inside.impulses[:pairs], rigid.impacts.impulses[:pairs]),
+            "impulse_error": float(abs(known[0] - 1.0)) if len(known) else np.nan,
         }  # fmt: skip
 
     def answer(self, table: Table, case: Case) -> Answer:
@@ -100,7 +101,7 @@ class Rigid(Study):
         })  # fmt: skip
         if len(near) < 2:
             return Answer("Fewer than two of the stiffest stops tried have as many impacts as rigid ones.", small)
-        order, soft = base.order_over(near, lambda rows: 1.0 / rows.kappa, "tip_error"), rows.iloc[0]
+        order, soft = base.order_over(1.0 / near.kappa, near.tip_error), rows.iloc[0]
         which = "the case's kappa" if soft.factor == 1.0 else "kappa"
         first, here = (f"{x:.2g}" for x in (near.kappa.iloc[0], soft.kappa))
         return Answer(
@@ -120,19 +121,13 @@ class Rigid(Study):
                 continue
             axis.axvline(kappa, color="0.5", lw=0.9, ls=":", label="κ of the case")
             kept = near[near[name] > 0.0]
-            order = base.order_over(kept, lambda rows: 1.0 / rows.kappa, name)
+            order = base.order_over(1.0 / kept.kappa, kept[name])
             label = f"in 1/κ: {order}" if np.isfinite(order.slope) else "as many impacts as rigid stops"
             axis.plot(kept.kappa, kept[name], label=label, **style)
             others = table[(table[name] > 0.0) & ~table.index.isin(near.index)]
             axis.plot(others.kappa, others[name], label="other impacts than rigid stops", **style | {"mfc": "white"})
             log_scale(axis)
             axis.legend(frameon=False, fontsize=8)
-
-
-def _impulse_error(impulses: Array, rigid: Array) -> float:
-    """The relative error of the first impulse that is known."""
-    known = np.isfinite(impulses)
-    return float(abs(impulses[known][0] / rigid[known][0] - 1.0)) if np.any(known) else float("nan")
 
 
 def same_impacts(table: Table) -> Table:

@@ -21,9 +21,6 @@ from .base import Answer, Row, Study, Table, option
 
 SAMPLES = 2000
 TITLES = {"frequency": "natural frequencies, against the beam", "response": "driven tip, no contact"}
-NAMES = {"tip to the end of the first impacts": "tip, largest", "first impact's time": "time of the first",
-         "first impact's peak force": "its peak force", "first impact's impulse": "its impulse",
-         "tip response": "tip", "velocity-curvature": "vel.-curv."}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +111,7 @@ class Space(Study):
         """One panel for the frequencies, one for the driven tip, one for the contact in each form."""
         groups = [(TITLES[kind], table[table.kind == kind]) for kind in TITLES if kind in set(table.kind)]
         for form, group in table[table.kind == "contact"].groupby("form", sort=False):
-            groups.append((f"first impacts, {NAMES.get(str(form), form)}, against {self.finest} cells", group))
+            groups.append((f"first impacts, {form}, against {self.finest} cells", group))
         for place, (title, group) in enumerate(groups, 1):
             axis = figure.add_subplot((len(groups) + 1) // 2, min(2, len(groups)), place)
             self._panel(axis, group, table.attrs["labels"])
@@ -126,8 +123,7 @@ class Space(Study):
         for (quantity, form), order in orders(group).items():
             mine = group[(group.quantity == quantity) & (group.form == form) & (group.error > 0.0)]
             i, j = quantities.index(quantity), forms.index(form)
-            words, at, place = quantity.partition(" at contact ")
-            name = NAMES.get(words, words) + at + place + (f", {NAMES.get(form, form)}" if len(forms) > 1 else "")
+            name = f"{quantity}, {form}" if len(forms) > 1 else quantity
             slope = str(order) if np.isfinite(order.slope) else "too few grids"
             style: Any = style_of(i, j) if len(quantities) > 1 else style_of(j, j)
             axis.plot(1.0 / mine.cells, mine.error, label=f"{name}: {slope}", lw=1.1, ms=4.5, **style)
@@ -143,7 +139,7 @@ class Space(Study):
 def orders(table: Table) -> dict[tuple[str, str], Order]:
     """The observed order in h by (quantity, form)."""
     parts = table.groupby(["quantity", "form"], sort=False)
-    return {key: base.order_over(part, lambda rows: 1.0 / rows.cells, "error") for key, part in parts}
+    return {key: base.order_over(1.0 / part.cells, part.error) for key, part in parts}
 
 
 def _frequencies(case: Case, form: str, count: int) -> list[Row]:

@@ -22,7 +22,7 @@ import pandas as pd
 from ..basics.arrays import Array
 from ..basics.text import unit_of, with_unit
 from ..basics.validation import InputError, number
-from ..figures.chart import Axes, Figure, dashed, log_scale, look, tip_text
+from ..figures.chart import Figure, dashed, log_scale, look, tip_text
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import percent
@@ -100,9 +100,9 @@ class Sweep(Study):
         shared |= {"t_end": case.t_end} if once else {}
         # Bad values are refused here, at the ends of the ranges; what a scheme refuses in between is a row.
         ends = [setup_of(nominal, parameter, x, shared["dt"], shared.get("t_end")) for x in (min(values), max(values))]
-        if scheme is None and transient and all(substitute(x.system, transient * x.period) for x in ends):
+        if scheme is None and transient and all(substitute(system, transient * T) for system, T, _ in ends):
             try:
-                refuse(ends[0].system, transient * ends[0].period)
+                refuse(ends[0][0], transient * ends[0][1])
             except InputError as error:
                 remedy = "name a scheme as method, or transient=0: other solvers record contacts from the start only"
                 raise InputError(error.field, error.value, error.rule, remedy) from None
@@ -113,37 +113,35 @@ class Sweep(Study):
         """Rows of every value of this point; a value that is refused gives a row with the reason."""
         system, scheme = case.system(self.form), scheme_of(case, self.method or point["method"])
         rows: list[Row] = []
-        groups: dict[tuple[float, float], list[tuple[Row, Setup]]] = {}
+        groups: dict[tuple[float, float], list[tuple[Row, System]]] = {}
         for value in values:
             named: Row = {self.parameter: value}
             try:
-                setup = setup_of(system, self.parameter, value, point["dt"], point.get("t_end"))
-                groups.setdefault((setup.dt, setup.period), []).append(
-                    (named | ({"dt": setup.dt} if scheme else {}), setup)
-                )
+                varied, period, dt = setup_of(system, self.parameter, value, point["dt"], point.get("t_end"))
+                groups.setdefault((period, dt), []).append((named | ({"dt": dt} if scheme else {}), varied))
             except InputError as error:
                 rows.append(named | {"lost": str(error)})
-        return rows + [row for group in groups.values() for row in self._together(point, scheme, group)]
+        return rows + [row for times, group in groups.items() for row in self._together(point, scheme, times, group)]
 
-    def _together(self, point: Row, scheme: Scheme | None, group: list[tuple[Row, Setup]]) -> list[Row]:
-        """Rows of values that march together; where one fails, of each by itself."""
+    def _together(
+        self, point: Row, scheme: Scheme | None, times: tuple[float, float], group: list[tuple[Row, System]]
+    ) -> list[Row]:
+        """Rows of values of one period and step, which march together, with the tip at every period; where one fails,
+        of each by itself."""
+        (period, dt), systems = times, [system for _, system in group]
+        t = period * np.arange(point["transient"] + point["periods"] + 1)
+        end, since = float(t[-1]), float(t[point["transient"]])
         try:
-            many = self._march(point, scheme, [setup for _, setup in group])
+            if scheme is None:
+                many = reference_ensemble(systems[0], end, systems, t, since=since)
+            else:
+                every = round(period / dt)
+                many = integrate_ensemble(systems[0], scheme, dt, end, systems, self.contact, every, since=since)
             return [row for i, (named, _) in enumerate(group) for row in _rows(point, named, many, i)]
         except (InputError, SolverFailure) as error:
             if len(group) > 1:
-                return [row for one in group for row in self._together(point, scheme, [one])]
+                return [row for one in group for row in self._together(point, scheme, times, [one])]
             return [group[0][0] | {"lost": str(error)}]
-
-    def _march(self, point: Row, scheme: Scheme | None, setups: list[Setup]) -> Ensemble:
-        """Setups of one step and period, with the tip at every period."""
-        first, systems = setups[0], [setup.system for setup in setups]
-        t = first.period * np.arange(point["transient"] + point["periods"] + 1)
-        end, since = float(t[-1]), float(t[point["transient"]])
-        if scheme is None:
-            return reference_ensemble(first.system, end, systems, t, since=since)
-        every = round(first.period / first.dt)
-        return integrate_ensemble(first.system, scheme, first.dt, end, systems, self.contact, every, since=since)
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The range of impact counts and peak forces over the values, and where the motion is periodic."""
@@ -173,37 +171,29 @@ class Sweep(Study):
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Sections, impacts and forces on one axis."""
-        contacts = table[table.kind == "contact"]
-        sections = table[table.kind == "section"]
+        contacts, sections = (table[table.kind == kind].sort_values(self.parameter) for kind in ("contact", "section"))
         measures = self._measures(contacts, case) if len(contacts) else []
         heights = ([3.0] if len(sections) else []) + [1.0] * len(measures)
         axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        method: dict[str, Any] = look(str(table.method.iloc[0])) | {"marker": ".", "ms": 3.0}
         if len(sections):
-            self._section(axes[0], sections, case)
+            # The fainter the more points there are, so that bands and curves can be told apart.
+            dots = {"linestyle": "", "mew": 0.0, "alpha": float(np.clip(2e4 / len(sections), 0.15, 0.9))}
+            axes[0].plot(sections[self.parameter], sections.tip, rasterized=True, **method | dots)
+            tip = with_unit(case.units, tip_text(case.problem, t="nT"), "length")
+            axes[0].set(title="the tip once in every period $T$ of the drive", ylabel=tip)
+        width, places = 0.7 if table[self.parameter].nunique() <= 400 else 0.0, _places(contacts)  # more are a band
         for axis, (quantity, label, scale) in zip(axes[len(axes) - len(measures) :], measures, strict=True):
-            self._measure(axis, contacts, quantity, scale)
+            for i, (place, rows) in enumerate(places):
+                style = method | {"linestyle": dashed(i), "lw": width, "label": place.strip()}
+                axis.plot(rows[self.parameter], rows[quantity] / scale, **style)
+            if len(places) > 1:
+                axis.legend(frameon=False, fontsize=8)
             axis.set(title=label)
             axis.set_ylim(bottom=0.0)
         axes[-1].set_xlabel(named(case, self.parameter))
         if 0.0 < LOG_RANGE * table[self.parameter].min() < table[self.parameter].max():
             log_scale(axes[-1], y=False)
-
-    def _section(self, axis: Axes, sections: Table, case: Case) -> None:
-        """The tip once a period. The fainter the more points there are, so that bands and curves can be told apart."""
-        dots: dict[str, Any] = {"color": look(str(sections.method.iloc[0]))["color"], "rasterized": True}
-        alpha = float(np.clip(2e4 / len(sections), 0.15, 0.9))
-        axis.plot(sections[self.parameter], sections.tip, ".", ms=3.0, mew=0.0, alpha=alpha, **dots)
-        tip = with_unit(case.units, tip_text(case.problem, t="nT"), "length")
-        axis.set(title="the tip once in every period $T$ of the drive", ylabel=tip)
-
-    def _measure(self, axis: Axes, contacts: Table, quantity: str, scale: float) -> None:
-        width = 0.7 if contacts[self.parameter].nunique() <= 400 else 0.0  # more points than that are a band
-        parts = _places(contacts.sort_values(self.parameter))
-        for i, (label, rows) in enumerate(parts):
-            style: dict[str, Any] = look(str(contacts.method.iloc[0])) | {"marker": ".", "linestyle": dashed(i)}
-            axis.plot(rows[self.parameter], rows[quantity] / scale, label=label.strip(), ms=3.0, lw=width, **style)
-        if len(parts) > 1:
-            axis.legend(frameon=False, fontsize=8)
 
     def _measures(self, contacts: Table, case: Case) -> list[tuple[str, str, float]]:
         """Columns of these contacts, each with its label and its scale: impacts, time in contact, largest force."""
@@ -296,16 +286,6 @@ def _periodicity(table: Table, parameter: str) -> list[str]:
 # ---------------------------------------------------------------- parameters, also of orbits
 
 
-@dataclass(frozen=True)
-class Setup:
-    """A value of the parameter, ready to run. period: T of the drive, or the whole run where the case has no such
-    period. dt: the step of a scheme, which divides it; 0 of the exact solution."""
-
-    system: System
-    dt: float
-    period: float
-
-
 def values_of(parameter: str, values: Sequence[float] | None, count: int, period: float | None) -> list[float]:
     """The values of a parameter, by default ``count`` drive frequencies from 0.7 to 1.3 of the case's."""
     if values is None and parameter == "frequency" and period is not None:
@@ -320,18 +300,21 @@ def scheme_of(case: Case, method: Any) -> Scheme | None:
     return None if method == EXACT else next(iter(base.chosen_schemes(case, [method]).values()))
 
 
-def setup_of(system: System, name: str, value: float, dt: float | None = None, whole: float | None = None) -> Setup:
-    """Setup with one value of a parameter on the case's system; dt: of a scheme; whole: t_end of a case without a
-    period. Raises InputError for a value that is not possible."""
+def setup_of(
+    system: System, name: str, value: float, dt: float | None = None, whole: float | None = None
+) -> tuple[System, float, float]:
+    """System with one value of a parameter, period T of its drive, and the step nearest to dt that divides it, 0 of the
+    exact solution; whole: t_end of a case without a period, in its place. Raises InputError for a value that is not
+    possible."""
     system = with_values(system, {name: value})
     period = drive_period(system, name) if whole is None else whole
     assert period is not None
     if dt is None:
-        return Setup(system, 0.0, period)
+        return system, period, 0.0
     if dt > 0.5 * period:
         half = f"{'half a period of the drive' if whole is None else 'half the run'}, {0.5 * period:.6g}"
         raise InputError("dt", dt, f"be at most {half}", "take a smaller dt")
-    return Setup(system, period / round(period / dt), period)
+    return system, period, period / round(period / dt)
 
 
 def drive_period(system: System, parameter: str = "frequency") -> float | None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.validation import one_of
-from ..files.reader import Reader, located
+from ..files.reader import reading
 from ..model.system import System
 
 # Of the test set: the first number changes when an answer does, the second when problems or answers are added.
@@ -107,10 +107,8 @@ def system_of(name: str, data: Mapping[str, Any]) -> System:
     table = dict(data)
     table |= {x: matrix(table[x]).tolist() for x in ("mass", "stiffness", "damping") if x in table}
     table["loads"] = [_load(load) for load in table.get("loads", [])]
-    try:
-        return Reader(None).read(table, System)
-    except Exception as error:
-        raise located(error, f"{name}: system") from None
+    with reading(None, f"{name}: system") as reader:
+        return reader.read(table, System)
 
 
 def _load(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -126,11 +124,8 @@ def matrix(given: ArrayLike | Mapping[str, Any]) -> Array:
     """A symmetric matrix from its rows, or from { bands = [[a_11, a_22, ...], [a_12, a_23, ...], ...] }."""
     if not isinstance(given, Mapping):
         return np.array(given, float)
-    bands = [np.array(band, float) for band in given["bands"]]
-    full = np.diag(bands[0])
-    for k, band in enumerate(bands[1:], start=1):
-        full = full + np.diag(band, k) + np.diag(band, -k)
-    return full
+    upper: Any = sum(np.diag(np.array(band, float), k) for k, band in enumerate(given["bands"]))
+    return upper + np.triu(upper, 1).T
 
 
 def folder() -> Path:

@@ -6,9 +6,10 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 
 from ..basics.arrays import Array
@@ -29,9 +30,6 @@ from ..trajectory.records import ContactRecord
 from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Trajectory
 from .problem import VERSION, Problem, problem
 from .problem import problems as all_problems
-
-if TYPE_CHECKING:
-    import pandas
 
 DEFAULT = (*SCHEMES, *RIGID, *BEST)  # a solver of each kind; others by name
 TOLERANCES = (1e-4, 1e-6, 1e-8)
@@ -109,12 +107,9 @@ class Scorecard(Reported):
     Parameters
     ----------
     entries : sequence of Entry
-    version : str
-        Version of the test set.
     """
 
     entries: tuple[Entry, ...]
-    version: str = VERSION
 
     @property
     def flagged(self) -> tuple[Entry, ...]:
@@ -138,15 +133,13 @@ class Scorecard(Reported):
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""
         entries = [e.row() | {"runs": list(e.runs)} for e in self.entries]
-        return plain({"measured": ["entries.seconds", "entries.runs.seconds"], "test_set": self.version,
+        return plain({"measured": ["entries.seconds", "entries.runs.seconds"], "test_set": VERSION,
                       "entries": entries})  # fmt: skip
 
-    def to_dataframe(self) -> pandas.DataFrame:
+    def to_dataframe(self) -> pd.DataFrame:
         """One line per run."""
-        import pandas
-
         names = ["integrator", "problem", "outcome"]
-        return pandas.DataFrame([{k: e.row()[k] for k in names} | run for e in self.entries for run in e.runs])
+        return pd.DataFrame([{k: e.row()[k] for k in names} | run for e in self.entries for run in e.runs])
 
     def summary(self) -> str:
         """Number of entries for each outcome, as a sentence."""
@@ -154,13 +147,11 @@ class Scorecard(Reported):
         order = (CONVERGES, NOT_JUDGED, LOW_ORDER, MISSED, STAYS, FAILED, NOT_TAKEN)
         return ", ".join(f"{outcomes.count(x)} {x}" for x in order if x in outcomes)
 
-    def table(self) -> pandas.DataFrame:
+    def table(self) -> pd.DataFrame:
         """Texts to print: of one integrator all errors, of several the tip error of each, by problem."""
-        import pandas
-
         if len(self.integrators) > 1:
             cells = {short(name): {p.name: self._cell(name, p) for p in self.problems} for name in self.integrators}
-            return pandas.DataFrame(cells).rename_axis("problem").reset_index()
+            return pd.DataFrame(cells).rename_axis("problem").reset_index()
         lines = [
             {
                 "problem": e.problem.name,
@@ -172,7 +163,7 @@ class Scorecard(Reported):
             }
             for e in self.entries
         ]
-        table: Any = pandas.DataFrame(lines)
+        table: Any = pd.DataFrame(lines)
         return table[[x for x in table if x in ("problem", "outcome") or any(table[x] != "")]]
 
     def _cell(self, name: str, of: Problem) -> str:
@@ -183,13 +174,11 @@ class Scorecard(Reported):
 
     def report(self) -> Report:
         """The summary, the table, and every reason, once for all problems and integrators that share it."""
-        import pandas
-
-        who = self.integrators[0] if len(self.integrators) == 1 else f"test set {self.version}"
+        who = self.integrators[0] if len(self.integrators) == 1 else f"test set {VERSION}"
         head = "Errors are those of the finest run; of the tip the rms over its largest displacement."
         if len(self.integrators) > 1:
             head = f"Tip error of the finest run. !: see below. {DASH}: {NOT_TAKEN}."
-        rows: Any = pandas.DataFrame(
+        rows: Any = pd.DataFrame(
             [(short(e.integrator), e.problem.name, e.outcome, e.reason,
               e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason)
              for e in sorted(self.entries, key=lambda e: not e.flagged) if e.reason],
@@ -333,15 +322,6 @@ def _of_problem(each: Problem, run: Trajectory) -> Trajectory:
     return run
 
 
-def _levels(runner: Integrator, each: Problem) -> Sequence[float]:
-    """Steps or tolerances, the coarsest first."""
-    if runner.kind == RECORDED:
-        return sorted(len(run.t) - 1 for run in runner.source if run.fingerprint == each.system.fingerprint)
-    if runner.kind == SOLVER:
-        return TOLERANCES if runner.adaptive else TOLERANCES[-1:]
-    return each.steps
-
-
 def _entry(runner: Integrator, each: Problem, smooth: float) -> Entry:
     """All runs of an integrator on a problem, judged."""
     entry = Entry(runner.label, each, (), runner.kind == SOLVER)
@@ -359,7 +339,12 @@ def _runs(runner: Integrator, each: Problem) -> tuple[list[dict[str, float]], st
 
     Raises Diverged where no run holds.
     """
-    levels, rows, lost = list(_levels(runner, each)), list[dict[str, float]](), 0.0
+    levels, rows, lost = list[float](each.steps), list[dict[str, float]](), 0.0
+    if runner.kind == SOLVER:
+        levels = list(TOLERANCES if runner.adaptive else TOLERANCES[-1:])
+    if runner.kind == RECORDED:
+        steps = (len(run.t) - 1 for run in runner.source if run.fingerprint == each.system.fingerprint)
+        levels = list[float](sorted(steps))
     if not levels:
         raise InputError("recorded runs", runner.label, "be of this problem", "record them with its system")
     shorter = SHORTER if runner.kind in (SCHEME, FUNCTION) else 0
@@ -482,7 +467,7 @@ def errors_of(problem: Problem, run: Trajectory) -> dict[str, float]:
     relative. energy_error: at t_end, over the energy that the system has had; > 0 is a gain.
     """
     known = problem.answers["tip"].value
-    off = np.abs(_at(problem.times, run.t, run.tip, _rate(run)) - known) / np.max(np.abs(known))
+    off = np.abs(_at(problem.times, run.t, run.tip, run.tip_velocity) - known) / np.max(np.abs(known))
     velocity = NAN
     if "tip_velocity" in problem.answers and "tip_velocity" not in run.provenance:
         rates = problem.answers["tip_velocity"].value
@@ -503,11 +488,6 @@ def errors_of(problem: Problem, run: Trajectory) -> dict[str, float]:
 def known_impacts(problem: Problem) -> Array:
     """The first known impact times, at most PAIRED."""
     return problem.answers["impacts"].value[:PAIRED] if "impacts" in problem.answers else np.zeros(0)
-
-
-def _rate(run: Trajectory) -> Array | None:
-    """Velocity of the tip, None where a spline has made it."""
-    return None if "tip_velocity" in run.provenance else run.tip_velocity
 
 
 def _at(times: Array, t: Array, u: Array, v: Array | None = None) -> Array:
@@ -539,16 +519,16 @@ def _peak_between(run: Trajectory, record: ContactRecord) -> float:
 
     The largest at the steps alone is less by up to (w dt)^2/8.
     """
-    t, u, v = run.t, record.position, record.velocity if _rate(run) is not None else None
-    spline = CubicSpline(t, u) if v is None else CubicHermiteSpline(t, u, v)
-    force = np.abs(record.stops.force(u, record.velocity))
+    t, u, v = run.t, record.position, record.velocity
+    spline = CubicHermiteSpline(t, u, v)
+    force = np.abs(record.stops.force(u, v))
     high = np.flatnonzero(force >= 0.9 * np.max(force))  # a damped stop may have its peak where nothing turns
     ends = np.unique(np.clip(np.concatenate([high - 1, high]), 0, len(t) - 2))
     fine = (t[ends, None] + np.diff(t)[ends, None] * np.linspace(0.0, 1.0, 33)[1:-1]).ravel()
     turns = spline.derivative().roots(extrapolate=False)
     fine = np.concatenate([t, fine, turns[np.isfinite(turns)]])
-    rate = spline.derivative() if v is None else PchipInterpolator(t, v)  # the cubic's has the rounding of u over dt
-    return float(np.max(np.abs(record.stops.force(spline(fine), rate(fine)))))
+    # The velocity by cubics of its own: the derivative of those of u has the rounding of u over dt.
+    return float(np.max(np.abs(record.stops.force(spline(fine), PchipInterpolator(t, v)(fine)))))
 
 
 def _energy(problem: Problem, run: Trajectory) -> float:

@@ -1,32 +1,39 @@
-"""The commands. Docstrings are their help."""
+"""The ``stiffbeam`` command. Docstrings of the commands are their help."""
 
 from __future__ import annotations
 
+import atexit
+import gc
+import io
 import json as json_module
 import os
 import platform
 import re
 import shlex
 import shutil
+import signal
 import sys
+import warnings
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
-from cyclopts import App, Parameter
+from cyclopts import App, CycloptsError, Parameter
 
-from ..basics.resources import TALK, cores, working
-from ..basics.storage import make_folder, write_whole
-from ..basics.text import cut, plain
-from ..basics.validation import InputError, file_path, near, positive
-from ..references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
+from .basics.resources import TALK, cores, working
+from .basics.storage import make_folder, write_whole
+from .basics.text import cut, plain
+from .basics.validation import InputError, file_path, one_of, positive
+from .references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
 
 if TYPE_CHECKING:
-    from ..files.cases import Case
-    from ..studies.base import Study
-    from ..studies.comparison import CaseComparison
+    from .files.cases import Case
+    from .studies.base import Study
+    from .studies.comparison import CaseComparison
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
 
@@ -53,14 +60,14 @@ def application(first: str = "") -> App:
         app.command(command)
     for name, line in OWN.items():
         if first == name:
-            from ..studies import find_study
+            from .studies import find_study
 
             app.command(study_command(find_study(name)), name=name)
         else:
             app.command(_not_loaded, name=name, help=line)
     group = App(name="study", help="Run a study: stiffbeam study NAME CASE.")
     if first == "study":
-        from ..studies import studies
+        from .studies import studies
 
         for name, kind in studies().items():
             group.command(study_command(kind), name=name)
@@ -79,9 +86,8 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
         case: CaseName = "table10", /, *, options: Any = None, dt: Step = None, t_end: EndTime = None,
         out: Out = None, jobs: Jobs = None, json: Json = None,
     ) -> int:  # fmt: skip
-        from ..studies.base import perform
+        from .studies.base import perform
 
-        check_json(json)
         chosen, options = asked_case(case, dt, t_end), options or kind()
         folder = make_folder(out if out is not None else default_folder(chosen.name))
         if jobs is None:
@@ -104,6 +110,17 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 
 # ---------------------------------------------------------------- options and output
 
+
+def _json_file(_: Any, file: Path | None) -> None:
+    """Raise InputError for a --json that cannot be a file, before anything is computed."""
+    if file is None or str(file) == "-":
+        return
+    file_path("--json", file)
+    make_folder(file.parent, "--json")
+    if file.is_dir() or (file.exists() and not os.access(file, os.W_OK)):
+        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
+
+
 # Options that several commands have.
 CaseName = Annotated[str, Parameter(help="table1 .. table17, a case file, or file.toml:name.")]
 Step = Annotated[float | None, Parameter(help="Time step in place of the case's.")]
@@ -114,13 +131,14 @@ Out = Annotated[
 Jobs = Annotated[int | None, Parameter(help="Processes; by default one per core.")]
 Form = Annotated[str | None, Parameter(help="displacement, velocity-curvature or hermite.")]
 Json = Annotated[
-    Path | None, Parameter(allow_leading_hyphen=True, help="Write the records to this file, - for stdout.")
+    Path | None,
+    Parameter(allow_leading_hyphen=True, validator=_json_file, help="Write the records to this file, - for stdout."),
 ]
 
 
 def asked_case(case: str, dt: float | None, t_end: float | None) -> Case:
     """The case, with the time step and the end time that are given."""
-    from ..files.cases import find_case
+    from .files.cases import find_case
 
     given = {"dt": dt, "t_end": t_end}
     asked = {name: positive(f"--{name.replace('_', '-')}", x) for name, x in given.items() if x is not None}
@@ -142,18 +160,6 @@ def file_name(label: str) -> str:
     """The label without the characters that shells and file systems dislike, never a folder's name for another."""
     plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
     return cut("".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip("."), 100) or "_"
-
-
-def check_json(file: Path | None) -> None:
-    """Raise InputError for a --json that cannot be a file, before anything is computed."""
-    if file is None or str(file) == "-":
-        return
-    file_path("--json", file)
-    if file.is_dir():
-        raise InputError("--json", str(file), "be a file, or - for the terminal", "name a file in that folder")
-    make_folder(file.parent, "--json")
-    if not os.access(file if file.exists() else file.parent, os.W_OK):
-        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
 
 
 def json_text(command: str, records: Mapping[str, Any]) -> str:
@@ -206,14 +212,13 @@ def compare(
 
     Example: stiffbeam compare table10 --schemes 'BDF2,HHT(alpha=-0.2)' --json records.json
     """
-    from ..schemes.labels import split_runs
-    from ..studies.comparison import CaseComparison
+    from .schemes.labels import split_runs
+    from .studies.comparison import CaseComparison
 
     chosen, options = asked_case(case, dt, t_end), options or Options()
     positive("--budget", options.budget)
     schemes = None if options.schemes is None else split_runs(options.schemes)
     names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
-    check_json(json)
     for flag, listed in (("--schemes", schemes), ("--references", names)):
         if listed == []:
             raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
@@ -248,7 +253,7 @@ def _follow(
 ) -> None:  # fmt: skip
     """Print a line of each solution and save it as soon as it is there; the tables follow the main reference, or the
     last one where solvers are named among the schemes, so that they have their rows."""
-    from ..measures.report import largest, short, verdict
+    from .measures.report import largest, short, verdict
 
     told, solvers = -1, set(schemes or ()) & set(REFERENCES)  # failures that the tables have told
 
@@ -282,7 +287,7 @@ def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) 
     """Rates of the main reference and of every scheme; the file has a line for each run and stop."""
     import pandas
 
-    from ..measures.rates import contact_rates
+    from .measures.rates import contact_rates
 
     tables = []
     for one in (*result.references[:1], *result.runs):
@@ -295,9 +300,9 @@ def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) 
 
 def _draw(result: CaseComparison, folder: Path) -> Path:
     """The picture."""
-    from ..figures.chart import heading, save_figure
-    from ..figures.runs import comparison_figure
-    from ..measures.report import verdict
+    from .figures.chart import heading, save_figure
+    from .figures.runs import comparison_figure
+    from .measures.report import verdict
 
     case, labels = result.case, {run.label for run in result.runs}
     own = [c for c in result.comparisons if c.label in labels]
@@ -328,11 +333,10 @@ def reference(
     out
         File to write: .nc with everything, .json or .csv.
     """
-    from ..files.store import keep
-    from ..measures.errors import impact_times
-    from ..references import reference, substitute
+    from .files.store import keep
+    from .measures.errors import impact_times
+    from .references import reference, substitute
 
-    check_json(json)
     chosen = asked_case(case, None, t_end)
     system, end = chosen.system(form), chosen.t_end
     method = method or (BEST[1] if substitute(system, end) else BEST[0])
@@ -381,14 +385,13 @@ def score(
     out
         Folder for table, records and pictures.
     """
-    from ..schemes.labels import split_runs
-    from ..testset.problem import problems
-    from ..testset.score import read_trajectory, score_trajectories
-    from ..testset.score import score as score_all
+    from .schemes.labels import split_runs
+    from .testset.problem import problems
+    from .testset.score import read_trajectory, score_trajectories
+    from .testset.score import score as score_all
 
     if integrators is not None and trajectory:
         raise InputError("INTEGRATORS", integrators, "be left out with --trajectory", "give one command for each")
-    check_json(json)
     if out is not None:
         make_folder(out)  # before the work begins
     names = None if problem is None else [name.strip() for name in problem.split(",")]
@@ -418,14 +421,11 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     show
         Print one of them as TOML, as a start for your own file.
     """
-    from ..files import case_blocks, paper_entries, paper_text
+    from .files import case_blocks, paper_entries, paper_text
 
-    check_json(json)
     if show is not None:
         blocks = case_blocks(paper_text())
-        if show not in blocks:
-            raise InputError("--show", show, "be a table of the paper", near(show, blocks))
-        say(blocks[show].rstrip())
+        say(blocks[one_of("--show", show, blocks, "be a table of the paper")].rstrip())
         return
     rows = paper_entries()
     if write_json("cases", {"cases": rows}, json):
@@ -438,10 +438,9 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
 
 def doctor(*, json: Json = None) -> int:
     """Print versions and the cache folder, and test every solver on a small problem."""
-    from ..basics.storage import directory
-    from ..testset.score import score
+    from .basics.storage import directory
+    from .testset.score import score
 
-    check_json(json)
     versions = {"python": f"{platform.python_version()} on {platform.platform()}", "stiffbeam": version("stiffbeam")}
     versions |= {name: version(name) for name in ("numpy", "scipy", "pandas", "xarray", "matplotlib")}
     for method in REFERENCES.values():
@@ -463,3 +462,69 @@ def doctor(*, json: Json = None) -> int:
         for name, value in lines.items():
             say(f"{name:<{max(map(len, lines))}}  {value}")
     return 0 if all(solver["agrees"] for solver in solvers) else 1
+
+
+# ---------------------------------------------------------------- the program
+
+INTERRUPTED = 130  # the exit status of a program that Ctrl-C has stopped
+QUIET = ("-q", "--quiet")
+
+
+def main() -> None:
+    """Entry point: InputError exits with 2, a failure with 1, SIGINT with 130, SIGTERM with 143, each with one line."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # letters that an ASCII or Latin-1 terminal does not have
+    os.environ.setdefault("PJRT_NPROC", "1")  # threads of JAX, which on small systems do nothing but seek work
+    # Of an interrupted study joblib's clean-up would tell what it cleans.
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker")
+    stopped: list[int] = []
+
+    def end(number: int, _: FrameType | None) -> None:
+        stopped.append(number)
+        for name in (signal.SIGINT, signal.SIGTERM):  # a second one does not wait
+            signal.signal(name, signal.SIG_DFL)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, end)  # as Ctrl-C: what is finished is kept
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where a shell has it ignored
+        signal.signal(signal.SIGINT, end)
+    atexit.register(gc.freeze)  # at the end a search through all modules for garbage would only take time
+    given = sys.argv[1:]
+    words = [word for word in given if word not in QUIET]
+    TALK.quiet = words != given
+    warnings.showwarning = lambda message, *_, **__: print(f"stiffbeam: warning: {message}", file=sys.stderr)
+    try:
+        app = application(next((word for word in words if not word.startswith("-")), ""))
+        status = app(words or ["--help"], exit_on_error=False, print_error=False)
+        sys.stdout.flush()  # a full disk is an error of the command
+    except InputError as error:
+        _fail(error, 2)
+    except CycloptsError as error:
+        cause = error.__cause__
+        _fail(cause if isinstance(cause, InputError) else f"{' '.join(str(error).split())} See stiffbeam --help", 2)
+    except OSError as error:
+        with suppress(OSError):
+            sys.stdout.flush()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the interpreter does not try a full disk again
+        _fail(error, 1)
+    except RuntimeError as error:
+        # Imported here: they load SciPy, which help does without.
+        from .trajectory.trajectory import Diverged, SolverFailure, Unfinished
+
+        if not isinstance(error, (Diverged, SolverFailure, Unfinished)):
+            raise
+        _fail(error, 1)
+    except KeyboardInterrupt:
+        print("stiffbeam: interrupted; finished parts are kept, run the same command again", file=sys.stderr)
+        if stopped:  # at once: worker processes end with this one
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(128 + stopped[0])
+        raise SystemExit(INTERRUPTED) from None
+    raise SystemExit(status if isinstance(status, int) else 0)
+
+
+def _fail(error: Exception | str, status: int) -> NoReturn:
+    print(f"stiffbeam: {error}", file=sys.stderr)
+    raise SystemExit(status) from None
