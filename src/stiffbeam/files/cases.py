@@ -22,7 +22,7 @@ from ..model.system import System
 from ..schemes import RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
 from . import paper_text
-from .reader import Line, reading
+from .reader import Line, Reader, located
 
 
 @dataclass(frozen=True)
@@ -329,10 +329,13 @@ def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dic
     if unknown:
         remedy = "move it below the line [[case]]"
         raise InputError(f"{source}: {min(unknown)}", data[min(unknown)], "stand inside a [[case]] table", remedy)
+    reader = Reader(folder)
     for entry in entries:
         name = entry.get("name", "case") if isinstance(entry, dict) else "case"
-        with reading(folder, f"{source}: {name}") as reader:
+        try:
             case = reader.read(entry, Entry).case()
+        except Exception as error:
+            raise located(error, f"{source}: {name}") from None
         if case.name in cases:
             raise InputError(f"{source}: name", case.name, "be given once", "give each case a name of its own")
         cases[case.name] = case

@@ -1,18 +1,19 @@
-"""Tables of a case file as objects of the model, by their type hints; the matrices and records in files beside it."""
+"""Tables of a case file as objects of the model, by cattrs; the matrices and records in files beside it."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
-from functools import cache, partial, reduce
-from operator import or_
+from functools import partial
 from pathlib import Path
-from typing import Any, NewType, get_args, get_origin, get_type_hints
+from typing import Any, NewType
 
 import numpy as np
+from cattrs import BaseValidationError, Converter, IterableValidationNote
+from cattrs.cols import list_structure_factory
+from cattrs.gen import make_dict_structure_fn, make_mapping_structure_fn
 
 from ..basics.arrays import Array
 from ..basics.storage import LARGEST
@@ -56,10 +57,8 @@ Line = NewType("Line", str)  # a text for one line of a terminal, a page or a fi
 Matrix = NewType("Matrix", object)  # a list of rows, of a diagonal matrix its diagonal, or the name of a file
 Row = NewType("Row", object)  # n numbers, one per unknown
 RowLoad = tuple[Row, LoadFunction]
-KINDS = {  # in words, and as they are written
-    str: ("a text", '"..."'), bool: ("a truth value", "true"), int: ("an integer", "1"), float: ("a number", "1.0"),
-    list: ("a list", "[...]"), dict: ("a table", "{ ... }"),
-}  # fmt: skip
+KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a number", list: "a list", dict: "a table"}
+WRITTEN = {str: '"..."', int: "1", float: "1.0", list: "[...]", dict: "{ ... }"}
 
 
 @dataclass(kw_only=True)
@@ -114,91 +113,117 @@ class Samples:
 SI_TABLE = dict(zip(("length", "time", "force"), SI, strict=True))
 
 
-class Reader:
-    """Makes objects of the tables of a case file. ``folder``: that of the files which the case names, None for a text
-    that has to hold everything itself. ``path``: names and indexes that lead to what is read, as far as an error."""
+def _units(value: Any, _: Any) -> Units:
+    """Names of the units of length, time and force."""
+    return units_labels([*(SI_TABLE | _table(value, [*SI_TABLE])).values()])
 
-    def __init__(self, folder: Path | None, path: str) -> None:
-        self.folder, self.path = folder, [path]
-        self.size, self.unit = 0, ""  # of the system that is read: its unknowns, unit of time
-        self.hooks: dict[Any, Any] = {
-            str: _text, float: _number, int: lambda x: _kind(x, int), Line: _line, Units: _units,
-            Matrix: self._matrix, Row: self._row, System: self._system, RowLoad: self._row_load, Load: self._load,
-            Contact: self._contact, TimeFunction: self._time, Profile: PolynomialProfile,
-            str | Points: lambda x: self.read(x, Points if isinstance(x, dict) else str),
-            Stops | Sequence[Stops]: lambda x: self.read(x, Sequence[Stops]),
-            float | Sequence[float]: lambda x: self.read(x, list[float] if isinstance(x, list) else float),
+
+class Reader:
+    """Converter of the tables of a case file. ``folder``: that of the files which the case names, None for a text that
+    has to hold everything itself."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder, self.size, self.unit = folder, 0, ""  # of the system that is read: its unknowns, unit of time
+        self.convert = convert = Converter()
+        hooks: dict[Any, Any] = {
+            Line: _line, Units: _units, Matrix: self._matrix, Row: self._row,
+            System: self._system, RowLoad: self._row_load, Load: self._load,
+            Contact: self._contact,
+            TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
+            Profile: lambda x, _: PolynomialProfile(x),
+            str | Points: lambda x, _: self.read(x, Points if isinstance(x, dict) else str),
+            Stops | Sequence[Stops] | None: lambda x, _: self.read(x, Sequence[Stops]),
+            float | Sequence[float]: lambda x, _: self.read(x, list[float] if isinstance(x, list) else float),
         }  # fmt: skip
+        # By class, which comes before the conversions that cattrs has for these.
+        for plain, hook in ((float, _number), (int, lambda value, _: _kind(value, int)), (str, _text)):
+            convert.register_structure_hook(plain, hook)
+        convert.register_structure_hook_factory(lambda kind: getattr(kind, "__origin__", None) in SEQUENCES, self._list)
+        convert.register_structure_hook_factory(is_dataclass, self._class)
+        convert.register_structure_hook_factory(lambda kind: getattr(kind, "__origin__", None) is dict, self._names)
+        for kind, hook in hooks.items():
+            convert.register_structure_hook_func(lambda each, kind=kind: each == kind, hook)
 
     def read(self, value: Any, kind: Any) -> Any:
-        """A table or an entry as an object of this kind, each field of a class by its type hint."""
-        if kind in self.hooks:
-            return self.hooks[kind](value)
-        inner = get_args(kind)
-        if inner[-1:] == (type(None),):  # TOML has no None: the field is left out
-            return self.read(value, reduce(or_, inner[:-1]))
-        if get_origin(kind) in SEQUENCES:
+        """A table or an entry as an object of this kind. Raises errors of cattrs, see ``located``."""
+        return self.convert.structure(value, kind)
+
+    def _class(self, kind: Any) -> Any:
+        names, make = [x.name for x in fields(kind) if x.init], make_dict_structure_fn(kind, self.convert)
+
+        def read(value: Any, _: Any) -> Any:
+            units = _table(value, names).get("units")
+            if "units" in names:
+                self.unit = (SI_TABLE | units)["time"] if isinstance(units, dict) else ""
+            return make(value, kind)
+
+        return read
+
+    def _list(self, kind: Any) -> Any:
+        inner = kind.__args__[0]
+        make = list_structure_factory(list[inner], self.convert)
+
+        def items(value: Any, _: Any) -> list[Any]:
             # [case.problem.stops] once, or [[case.problem.stops]] once for each.
-            if isinstance(value, dict) and inner[0] not in (str, float):
-                return [self.read(value, inner[0])]
-            return [self._part(f"[{i}]", x, inner[0]) for i, x in enumerate(_kind(value, list))]
-        if get_origin(kind) is dict:
-            return {name: self._part(f".{name}", x, inner[1]) for name, x in _kind(value, dict).items()}
-        known = _fields(kind)
-        units = _table(value, [*known]).get("units")
-        if "units" in known:
-            self.unit = (SI_TABLE | units)["time"] if isinstance(units, dict) else ""
-        for name in (name for name, (_, needed) in known.items() if needed):
-            _taken(value, name)
-        return kind(**{name: self._part(f".{name}", value[name], known[name][0]) for name in known if name in value})
+            if isinstance(value, dict) and inner not in (str, float):
+                return [self.read(value, inner)]
+            return make(_kind(value, list), list[inner])
 
-    def _part(self, step: str, value: Any, kind: Any) -> Any:
-        self.path.append(step)
-        part = self.read(value, kind)
-        self.path.pop()  # not after an error, of which this is the place
-        return part
+        return items
 
-    def _system(self, value: Any) -> System:
+    def _names(self, kind: Any) -> Any:
+        make = make_mapping_structure_fn(kind, self.convert)
+        return lambda value, _: make(_kind(value, dict), kind)
+
+    def _system(self, value: Any, _: Any) -> System:
         self.size = 0
         return self.read(value, Matrices).system()
 
-    def _time(self, value: Any) -> TimeFunction:
-        """The sum, samples, constant or harmonic function of a table."""
+    def _time(self, value: Any, _: Any, own: tuple[str, ...] = ()) -> TimeFunction:
+        """The sum, samples, constant or harmonic function of a table; ``own`` are others in it."""
         one = next((name for name in ("sum", "sampled", "constant") if name in _kind(value, dict)), "")
-        if one == "sampled":
-            record = self.read(value, Samples)
-            points, options = record.sampled, {x.name: getattr(record, x.name) for x in fields(record)[2:]}
-            if isinstance(points, Points):
-                return Sampled(np.array(points.t), np.array(points.values), record.kind)
-            return Sampled(*read_samples(self._beside(points), **options, unit=self.unit), record.kind)
-        _table(value, [one] if one else ["amplitude", "frequency", "phase", "constant", "sampled", "sum"])
+        known = {
+            "sum": ["sum"], "sampled": [x.name for x in fields(Samples)], "constant": ["constant"],
+            "": ["amplitude", "frequency", "phase", "constant", "sampled", "sum"],
+        }[one]  # fmt: skip
+        _table(value, [*known, *own])
+        rest = {name: x for name, x in value.items() if name not in own}
         if one == "sum":
-            return Superposition(*self._part(".sum", value["sum"], Sequence[TimeFunction]))
-        return Constant(_number(value["constant"])) if one else self.read(value, Harmonic)
+            return Superposition(*self.read(rest, dict[str, Sequence[TimeFunction]])["sum"])
+        if one == "sampled":
+            return self._sampled(self.read(rest, Samples))
+        return Constant(_number(rest["constant"])) if one else self.read(rest, Harmonic)
 
-    def _load(self, value: Any) -> Load:
+    def _sampled(self, record: Samples) -> Sampled:
+        if isinstance(record.sampled, Points):
+            return Sampled(np.array(record.sampled.t), np.array(record.sampled.values), record.kind)
+        options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
+        return Sampled(*read_samples(self._beside(record.sampled), **options, unit=self.unit), record.kind)
+
+    def _load(self, value: Any, _: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"
-        where, rest = _taken(value, name, "..., or shape = [...]")
-        time = self._time(rest)
+        where = _needed(value, name, "..., or shape = [...]")
+        time = self._time(value, None, (name,))
         return DistributedLoad(PolynomialProfile(where), time) if name == "shape" else PointLoad(where, time)
 
-    def _row_load(self, value: Any) -> tuple[Array, TimeFunction]:
-        row, rest = _taken(value, "row", "{ 0 = 1.0 }")
-        return self._row(row), self._time(rest)
+    def _row_load(self, value: Any, _: Any) -> tuple[Array, TimeFunction]:
+        time = self._time(value, None, ("row",))
+        return self._row(_needed(value, "row", "{ 0 = 1.0 }")), time
 
-    def _contact(self, value: Any) -> Contact:
+    def _contact(self, value: Any, _: Any) -> Contact:
         """Row and offset beside the fields of the stops."""
-        row, rest = _taken(value, "row", "{ 0 = 1.0 }")
-        _table(rest, [*(x.name for x in fields(Stops) if x.name not in ("position", "motion")), "offset"])
-        offset = self._time(rest.pop("offset")) if "offset" in rest else None
-        return Contact(self._row(row), self.read(rest, Stops), offset)
+        names = [x.name for x in fields(Stops) if x.name not in ("position", "motion")]
+        _table(value, [*names, "row", "offset"])
+        row = self._row(_needed(value, "row", "{ 0 = 1.0 }"))
+        stops = self.read({name: x for name, x in value.items() if name in names}, Stops)
+        return Contact(row, stops, self._time(value["offset"], None) if "offset" in value else None)
 
     def _beside(self, name: str) -> Path:
         if self.folder is None:
             raise InputError("file", name, "be left out here", "write its numbers into the text")
         return self.folder / name
 
-    def _matrix(self, value: Any) -> Any:
+    def _matrix(self, value: Any, _: Any = None) -> Any:
         """A matrix; a vector is the diagonal of one."""
         _kind(value, (str, list))
         matrix = read_matrix(self._beside(value)) if isinstance(value, str) else numbers("", value, *NUMBERS)
@@ -206,7 +231,7 @@ class Reader:
         self.size = matrix.shape[0]
         return matrix
 
-    def _row(self, value: Any) -> Array:
+    def _row(self, value: Any, _: Any = None) -> Array:
         if isinstance(_kind(value, (list, str, dict)), str):
             content = read_matrix(self._beside(value))
             return np.asarray(content.toarray() if hasattr(content, "toarray") else content).ravel()
@@ -227,30 +252,24 @@ SEQUENCES = (list, tuple, Sequence)
 NUMBERS = "be numbers, every row as long as the first", "fill rows with 0"
 
 
-@contextmanager
-def reading(folder: Path | None, path: str) -> Generator[Reader, None, None]:
-    """Context with a Reader, in which an InputError gets the path of the field that is wrong."""
-    reader = Reader(folder, path)
-    try:
-        yield reader
-    except InputError as error:
+def located(error: Exception, path: str) -> InputError:
+    """The first fault in an error of cattrs, as an InputError with the path of its field."""
+    if isinstance(error, BaseValidationError):
+        noted, others = error.group_exceptions()  # type: ignore[attr-defined]
+        if not noted:
+            return located(others[0], path)
+        inner, note = noted[0]
+        step = note.index if isinstance(note, IterableValidationNote) else note.name
+        return located(inner, f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}")
+    if isinstance(error, InputError):
         # "stops.upper" of the table stops is its upper.
-        path, (head, _, rest) = "".join(reader.path), error.field.partition(".")
+        head, _, rest = error.field.partition(".")
         table = re.sub(r"\[\d+\]$", "", path).rpartition(".")[2]
         field = rest if head in (table, table.removesuffix("s")) else error.field
-        raise InputError(f"{path}.{field}" if field else path, error.value, error.rule, error.remedy) from None
-
-
-@cache
-def _fields(kind: type[Any]) -> dict[str, tuple[Any, bool]]:
-    """Type of each field of a dataclass, and True where it must be given."""
-    hints = get_type_hints(kind)
-    return {x.name: (hints[x.name], x.default is x.default_factory is MISSING) for x in fields(kind) if x.init}
-
-
-def _units(value: Any) -> Units:
-    """Names of the units of length, time and force."""
-    return units_labels([*(SI_TABLE | _table(value, [*SI_TABLE])).values()])
+        return InputError(f"{path}.{field}" if field else path, error.value, error.rule, error.remedy)
+    if isinstance(error, KeyError):
+        return InputError(path, None, "be given", f"write {error.args[0]} = ...")
+    raise error
 
 
 def _table(value: Any, names: list[str]) -> dict[str, Any]:
@@ -265,33 +284,33 @@ def _kind(value: Any, kind: type | tuple[type, ...]) -> Any:
     """``value`` if it is of this kind; in Python a truth value is an integer."""
     kinds = kind if isinstance(kind, tuple) else (kind,)
     if isinstance(value, bool) or not isinstance(value, kinds):
-        found = next((name for x, (name, _) in KINDS.items() if isinstance(value, x)), "something else")
-        rule = f"be {' or '.join(KINDS[x][0] for x in kinds)}"
-        raise InputError("", value, rule, f"it is {found}: write {KINDS[kinds[0]][1]}")
+        found = next((name for x, name in KINDS.items() if isinstance(value, x)), "something else")
+        raise InputError(
+            "", value, f"be {' or '.join(KINDS[x] for x in kinds)}", f"it is {found}: write {WRITTEN[kinds[0]]}"
+        )
     return value
 
 
-def _taken(table: Any, name: str, written: str = "...") -> tuple[Any, dict[str, Any]]:
-    """An entry that a table must have, and the other ones."""
-    if name not in _kind(table, dict):
+def _needed(table: dict[str, Any], name: str, written: str = "...") -> Any:
+    if name not in table:
         raise InputError(name, None, "be given", f"write {name} = {written}")
-    return table[name], {other: x for other, x in table.items() if other != name}
+    return table[name]
 
 
-def _text(value: Any, printable: str = " \t\n") -> str:
+def _text(value: Any, _: Any = None, printable: str = " \t\n") -> str:
     """A text that can be printed: control characters would reach the terminal."""
     if not all(x.isprintable() or x in printable for x in _kind(value, str)):
         raise InputError("", value, "hold printable letters", "leave control characters out")
     return value
 
 
-def _line(value: Any) -> str:
-    if not _text(value, "").strip() or len(value) > 200:
+def _line(value: Any, _: Any = None) -> str:
+    if not _text(value, None, "").strip() or len(value) > 200:
         raise InputError("", value, "be 1 to 200 printable letters", "shorten it, or write one")
     return value
 
 
-def _number(value: Any) -> float:
+def _number(value: Any, _: Any = None) -> float:
     """A number with its exact value; a text such as "pi/2" is one."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str, Fraction)):
         _kind(value, float)

@@ -22,7 +22,7 @@ from scipy.stats import t as student
 
 from ..basics.arrays import Array
 from ..basics.text import unit_of, with_unit
-from ..basics.validation import InputError, instance, positive
+from ..basics.validation import InputError, positive
 from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.validation import one_of
-from ..files.reader import reading
+from ..files.reader import Reader, located
 from ..model.system import System
 
 # Of the test set: the first number changes when an answer does, the second when problems or answers are added.
@@ -107,8 +107,10 @@ def system_of(name: str, data: Mapping[str, Any]) -> System:
     table = dict(data)
     table |= {x: matrix(table[x]).tolist() for x in ("mass", "stiffness", "damping") if x in table}
     table["loads"] = [_load(load) for load in table.get("loads", [])]
-    with reading(None, f"{name}: system") as reader:
-        return reader.read(table, System)
+    try:
+        return Reader(None).read(table, System)
+    except Exception as error:
+        raise located(error, f"{name}: system") from None
 
 
 def _load(table: Mapping[str, Any]) -> dict[str, Any]:
