@@ -16,7 +16,7 @@ from ..model.members import EnsembleMembers, as_members
 from ..model.system import System
 from ..trajectory.ensemble import Ensemble, record_from, slim
 from ..trajectory.records import Ledger
-from ..trajectory.trajectory import Reference, Trajectory, Work
+from ..trajectory.trajectory import Trajectory, Work
 from . import BEST_RTOL, best_reference, solve
 from .exact.solution import solve_exact
 
@@ -76,30 +76,26 @@ def reference_ensemble(
         raise InputError("since", since, f"be 0 for members solved by {method}", "record contacts from the start")
     one, show = partial(_solution, method, t_end, at), current()
     report = lambda done: show(f"{method}: members", done, len(members))  # noqa: E731
-    run_of = partial(_slim, partial(one, since), len(times))
     # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
-    runs = list(over(run_of, members, report, cores() if method == "exact" else 1))
+    runs = list(over(partial(one, since, len(times)), members, report, cores() if method == "exact" else 1))
     seconds = perf_counter() - begun
     notes = {"members": len(members), "parameter": members.parameter, "horizon": best.horizon}
     # Runs keep no motion: a ledger solves its member again, on demand.
-    ledger = partial(_ledger, partial(one, 0.0), members)
+    ledger = partial(_ledger, partial(one, 0.0, None), members)
     return Ensemble.of(
         runs, members=members, t=times,
         work=Work(0, seconds, seconds), provenance=best.provenance | notes, ledger=ledger,
     )  # fmt: skip
 
 
-def _solution(method: str, t_end: float, at: Array, since: float, system: System) -> Reference:
-    if method == "exact":
-        return solve_exact(system, t_end, at, since)
-    return solve(system, t_end, method, at, BEST_RTOL, None)
+def _solution(method: str, t_end: float, at: Array, since: float, kept: int | None, system: System) -> Trajectory:
+    """The solution of a member, all of it or what an ensemble keeps of it, with so many outputs."""
+    exact = method == "exact"
+    run = solve_exact(system, t_end, at, since) if exact else solve(system, t_end, method, at, BEST_RTOL)
+    return run if kept is None else slim(run, kept)
 
 
-def _slim(one: Callable[[System], Reference], outputs: int, system: System) -> Trajectory:
-    return slim(one(system), outputs)
-
-
-def _ledger(one: Callable[[System], Reference], members: EnsembleMembers, i: int) -> Ledger:
+def _ledger(one: Callable[[System], Trajectory], members: EnsembleMembers, i: int) -> Ledger:
     return one(members[i]).energy
 
 

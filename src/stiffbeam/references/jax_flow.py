@@ -1,7 +1,5 @@
 """The exact solution as a function of parameters that JAX differentiates with its exact derivative."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache, partial
 from typing import Any
@@ -14,10 +12,8 @@ from ..basics.validation import InputError, numbers, one_of, require_jax_float64
 from ..model.members import value_at, with_values
 from ..model.system import System, require_system
 from ..model.system_data import slopes
-from ..trajectory.trajectory import Reference
 from . import reference
 from .exact.solution import refuse
-from .registry import output_times
 
 
 def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "tip") -> Any:
@@ -61,31 +57,26 @@ def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "
     require_jax_float64()
     one_of("quantity", quantity, ("tip", "tip_velocity"))
     times = numbers("t", t).ravel()
-    paths = sequence("wrt", wrt, "be paths to numbers", 'give a list: ["stops.stiffness"]')
+    end, paths = float(times[-1]), sequence("wrt", wrt, "be paths to numbers", 'give a list: ["stops.stiffness"]')
     slopes(system, paths)  # which refuses wrong paths
-    refuse(system, float(times[-1]), "differentiate a solver of system.ode().jax")
-    times = output_times(times, float(times[-1]))
+    refuse(system, end, "differentiate a solver of system.ode().jax")
     start = np.array([value_at(system, path) for path in paths])
 
     @lru_cache(maxsize=1)  # JAX asks for the value and for the derivative at one place in two calls
-    def solved(*values: float) -> Reference:
-        member = with_values(system, dict(zip(paths, values, strict=True)))
-        return reference(member, float(times[-1]), t_eval=times)
+    def solved(*values: float) -> Any:
+        return reference(with_values(system, dict(zip(paths, values, strict=True))), end, t_eval=times)
 
-    def read(values: ArrayLike, differentiate: bool) -> Array:
-        run: Any = solved(*np.asarray(values, float).tolist())
+    def read(differentiate: bool, values: ArrayLike) -> Array:
+        run = solved(*np.asarray(values, float).tolist())
         found = run.derivative(paths) if differentiate else run
         return np.where(times > found.horizon, np.nan, getattr(found, quantity).T).T
 
     # Solve once at the start: refusals come here, not inside JAX, and a callback needs the shapes.
-    horizon = solved(*start.tolist()).horizon
-    if horizon < times[-1]:
-        raise InputError("t", times[-1], f"end before the horizon of the solution, {horizon:.4g}", "ask for less time")
-    values, slope = (
-        # The solver takes one system at a time, so vmap calls it member by member.
-        partial(jax.pure_callback, f, jax.ShapeDtypeStruct(f(start).shape, float), vmap_method="sequential")
-        for f in (partial(read, differentiate=False), partial(read, differentiate=True))
-    )
+    if (horizon := solved(*start.tolist()).horizon) < end:
+        raise InputError("t", end, f"end before the horizon of the solution, {horizon:.4g}", "ask for less time")
+    # The solver takes one system at a time, so vmap calls it member by member.
+    callback, reads = partial(jax.pure_callback, vmap_method="sequential"), (partial(read, False), partial(read, True))
+    values, slope = (partial(callback, f, jax.ShapeDtypeStruct(f(start).shape, float)) for f in reads)
 
     @jax.custom_jvp
     def flow(x: Any) -> Any:
@@ -93,7 +84,6 @@ def jax_flow(system: System, wrt: Sequence[str], t: ArrayLike, quantity: str = "
             raise InputError("values", f"shape {np.shape(x)}", f"have shape {start.shape}", "one per path")
         return values(x)
 
-    # Linear in the tangent, so that JAX can transpose it.
-    flow.defjvp(lambda x, tangents: (values(*x), slope(*x) @ tangents[0]))
+    flow.defjvp(lambda x, tangents: (values(*x), slope(*x) @ tangents[0]))  # linear, so that JAX can transpose it
     flow.start, flow.t = start, times  # type: ignore[attr-defined]
     return flow
