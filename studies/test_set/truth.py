@@ -13,7 +13,7 @@ from flint import arb, arb_mat, ctx
 from scipy.optimize import brentq
 
 import stiffbeam as sb
-from stiffbeam.references.multiprecision.multiprecision import BITS, NO_TIMES, PreciseSolver
+from stiffbeam.references.multiprecision import BITS, NO_TIMES, PreciseSolver
 
 DIGITS = 30
 mp.mp.dps = 60

@@ -14,7 +14,7 @@ from witness import solve
 
 import stiffbeam as sb
 from stiffbeam.references.horizon import DISPLACEMENT_TOLERANCE
-from stiffbeam.references.multiprecision.multiprecision import AGREEMENT
+from stiffbeam.references.multiprecision import AGREEMENT
 
 
 def truth(system: sb.System, times: np.ndarray) -> np.ndarray:

@@ -14,9 +14,8 @@ import stiffbeam as sb
 from stiffbeam import references
 from stiffbeam.basics import resources
 from stiffbeam.files.store import freeze
-from stiffbeam.references import REFERENCES, solve
+from stiffbeam.references import REFERENCES, multiprecision, solve
 from stiffbeam.references.adaptive import restarts
-from stiffbeam.references.multiprecision import multiprecision
 
 ADAPTIVE = [method.name for method in REFERENCES.values() if method.kind == "adaptive"]
 

@@ -11,7 +11,7 @@ from witness import solve
 
 import stiffbeam as sb
 from stiffbeam.references.horizon import time_tolerance
-from stiffbeam.references.multiprecision.multiprecision import carry
+from stiffbeam.references.multiprecision import carry
 
 pytest.importorskip("flint")
 

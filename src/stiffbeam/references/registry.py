@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.validation import InputError, near
+from ..basics.validation import InputError, one_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -59,7 +59,7 @@ REFERENCES = {
     method.name: method
     for method in (
         Method("exact", "exact.solution", "exact", 0, EXACT),
-        Method("multiprecision", "multiprecision.multiprecision", "multiprecision", 1, MULTIPRECISION, _FLINT),
+        Method("multiprecision", "multiprecision", "multiprecision", 1, MULTIPRECISION, _FLINT),
         Method("cvode", "adaptive.sundials", "CVODE BDF", 2, libraries=_SUNDIALS),
         Method("cvode-adams", "adaptive.sundials", "CVODE Adams", 3, libraries=_SUNDIALS),
         Method("ida", "adaptive.sundials", "IDA", 4, libraries=_SUNDIALS),
@@ -80,10 +80,7 @@ COMPARED_RIGID = ("exact",)  # on rigid stops, which no other takes
 
 def method_of(name: str, field: str = "method") -> Method:
     """Return the method of this name; for another raise InputError under the name ``field``, with those there are."""
-    if not isinstance(name, str) or name not in REFERENCES:
-        remedy = near(name, METHODS) if isinstance(name, str) else f"choose from {', '.join(METHODS)}"
-        raise InputError(field, name, "be a reference method", remedy)
-    return REFERENCES[name]
+    return REFERENCES[one_of(field, name, METHODS, "be a reference method")]
 
 
 # ---------------------------------------------------------------- what a solver is asked
