@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from ...basics.arrays import Array
+from ...basics.arrays import Array, BoolArray
 from ...basics.validation import InputError
 from ...kernels.exact import Free
 from ...model.modes import decoupled_modes, undamped_modes
 from ...model.system import System
-from ...model.time_functions import Drive, parts
+from ...model.system_data import load_terms
+from ...model.time_functions import Drive
 
 RESONANCE = 0.03  # relative distance of w^2 and a drive below which the closed form of a mode cancels
 CRITICAL = 1e-4  # relative distance of d^2 from 4 w^2 below which a real pair cancels
@@ -47,25 +48,21 @@ def free_system(system: System) -> Free:
     offsets = np.vstack([np.zeros((1, m)), drive.amplitudes(zip(np.eye(m), moving, strict=True), m)])
     waves = np.array([0.0, *drive.frequencies])
     rows = np.array([c.row for c in system.contacts]).reshape(m, n) @ X
-    stops = np.array([[c.stops.lower_bound, c.stops.upper_bound] for c in system.contacts], float).reshape(m, 2)
-    law = [
-        [float(c.stops.stiffness), float(c.stops.damping), -1.0 if c.stops.restitution is None else c.stops.restitution]
-        for c in system.contacts
-    ]
+    each = [c.stops for c in system.contacts]
+    stops = np.array([(x.lower_bound, x.upper_bound) for x in each], float).reshape(m, 2)
+    laws = np.array([(x.stiffness, x.damping, -1.0 if x.restitution is None else x.restitution) for x in each], float)
     shared: dict[str, Any] = {
         "w2": w2, "damping": D, "coupling": coupling, "rows": rows, "stops": stops,
-        "laws": np.array(law, float).reshape(m, 3), "meet": rows @ rows.T, "loads": loads, "offsets": offsets,
+        "laws": laws.reshape(m, 3), "meet": rows @ rows.T, "loads": loads, "offsets": offsets,
         "waves": waves, "edges": np.ascontiguousarray(drive.edges), "pieces": drive.table,
     }  # fmt: skip
     stiffness = shared["laws"][:, 0] * np.diag(shared["meet"])
     if np.any(np.isfinite(shared["laws"][:, 0]) & ~(stiffness < 1e290)):
         rule, largest = "give modes that float64 can hold", float(np.max(shared["laws"][:, 0]))
         raise InputError("stops.stiffness", largest, rule, "use other units, or rigid stops with a restitution")
-    terms = [([(a * p, f)], n) for p, whole in system.loads for a, f in parts(whole)]
-    cancelled = np.zeros_like(loads)
-    if terms:
-        sizes = np.sum([np.abs(drive.split(*term)[0]) for term in terms], axis=0)
-        cancelled[1 : 1 + len(sizes)] = np.maximum(sizes - np.abs(nodal[: len(sizes)]), 0.0)
+    # Beside the sum of the loads, the sizes of its terms.
+    sizes = sum((np.abs(drive.amplitudes([term], n)) for term in load_terms(system)), np.zeros_like(nodal))
+    cancelled = np.vstack([np.zeros((1, n)), np.maximum(sizes - np.abs(nodal), 0.0)])
     shared = {x: np.ascontiguousarray(y) if isinstance(y, np.ndarray) else y for x, y in shared.items()}
     shared |= {"X": X, "into": np.ascontiguousarray(system.mass @ X), "cancelled": cancelled}
     return with_pressed(closed_form(shared))
@@ -73,105 +70,94 @@ def free_system(system: System) -> Free:
 
 def closed_form(shared: dict[str, Any]) -> Free:
     """The free system with the closed forms of its modes."""
-    w2, waves, d, coupled = shared["w2"], shared["waves"], np.diag(shared["damping"]), shared["coupling"] == 2
-    n, F = len(w2), len(waves)
-    kind, answer, apart, s = 0, np.zeros((2 * F, n)), np.zeros(n, np.int64), 1j * np.sqrt(w2)
+    w2, waves, d = shared["w2"], shared["waves"], np.diag(shared["damping"])
+    n, F, rows, coupled = len(w2), len(waves), shared["rows"], shared["coupling"] == 2
+    forces = shared["loads"][1 : 2 * F : 2] - 1j * shared["loads"][: 2 * F : 2]  # Re(p e^{iwt})
+    kind, apart, s = 0, np.zeros(n, bool), 1j * np.sqrt(w2)
+    answers: Any = np.zeros((F, n), complex)
+    out = back = seen = None
     if not coupled and not np.any((d * d > (4.0 + CRITICAL) * w2) & (w2 > 0.0)):
-        kind, s = 1, -0.5 * d + 1j * np.sqrt(np.maximum(w2 - 0.25 * d * d, 0.0))
-        shared = shared | {"seen": np.stack([shared["rows"], np.zeros_like(shared["rows"])])}
-        answer, apart = particular(w2, d, waves, shared["loads"])
-    elif found := complex_modes(shared) if coupled else overdamped_modes(shared):
-        s, out, back, answer = found
-        seen = np.ascontiguousarray(np.stack([shared["rows"] @ out[0], shared["rows"] @ out[1]]))
-        kind, shared = 2, shared | {"out": out, "back": back, "seen": seen}
+        kind, s, seen = 1, -0.5 * d + 1j * np.sqrt(np.maximum(w2 - 0.25 * d * d, 0.0)), [rows, np.zeros_like(rows)]
+        answers, apart = decoupled_answers(w2, d, waves, forces)
+    elif found := complex_modes(shared, forces):
+        kind, (s, x, y, inverse, answers) = 2, found
+        out, back = np.array([x.real, x.imag, y.real, y.imag]), np.array([inverse.real, inverse.imag])
+        seen = [rows @ out[0], rows @ out[1]]
     poles = np.array([np.append(s.real, np.zeros(F)), np.append(s.imag, waves)])
     # The length of flights that the modes ``apart`` allow.
-    rates, some = 0.5 * np.abs(d) + np.sqrt(0.25 * d * d + w2), apart > 0
-    fastest = max(np.max(rates[some]), np.max(waves, initial=0.0)) if np.any(some) else 0.0
-    order = np.argsort(np.hypot(*poles), kind="stable")
-    return Free(
-        **shared, kind=kind, poles=poles, order=order, answer=answer, apart=apart,
-        longest=1.0 / fastest if fastest else math.inf,
-    )  # fmt: skip
+    rates = 0.5 * np.abs(d) + np.sqrt(0.25 * d * d + w2)
+    fastest = max(np.max(rates[apart]), np.max(waves, initial=0.0)) if np.any(apart) else 0.0
+    own: dict[str, Any] = {
+        "kind": kind, "poles": poles, "order": np.argsort(np.hypot(*poles), kind="stable"),
+        "answer": np.stack([-answers.imag, answers.real], axis=1).reshape(2 * F, n), "apart": apart.astype(np.int64),
+        "longest": 1.0 / fastest if fastest else math.inf, "out": out, "back": back,
+        "seen": None if seen is None else np.array(seen),
+    }  # fmt: skip
+    return Free(**shared | own)
 
 
-def particular(w2: Array, d: Array, waves: Array, loads: Array) -> tuple[Array, Array]:
-    """Answer (2 F, n) of decoupled modes to the harmonic loads, and the modes (n,) that have none: drives near
-    resonance, critical damping, and free bodies that are damped."""
-    n = len(w2)
-    answer = np.zeros((2 * len(waves), n))
-    critical = (np.abs(d * d - 4.0 * w2) <= CRITICAL * w2) & (d > 0.0) | (w2 == 0.0) & (d > 0.0)
-    apart = critical.copy()
-    for f, w in enumerate(waves):
-        p = loads[2 * f + 1] - 1j * loads[2 * f]  # Re(p e^{iwt})
-        H = w2 - w * w + 1j * w * d
-        apart |= (np.abs(H) < RESONANCE * np.maximum(w2, w * w)) & (p != 0) & (w > 0.0)
-        apart |= (np.abs(H) < SLOW * np.max(w2)) & (p != 0) & (w2 > 0.0)
-        y: Any = np.divide(p, H, out=np.zeros(n, complex), where=(H != 0) & ~critical)
-        answer[2 * f], answer[2 * f + 1] = -y.imag, y.real
-    answer[:, apart] = 0.0
-    return answer, apart.astype(np.int64)
+def decoupled_answers(w2: Array, d: Array, waves: Array, forces: Any) -> tuple[Any, BoolArray]:
+    """Answers (F, n) of decoupled modes to the ``forces`` (F, n), amplitudes of e^{iwt}, and True for the modes (n,)
+    that have none: drives near resonance, critical damping, and free bodies that are damped."""
+    w = waves[:, None]
+    H: Any = w2 - w * w + 1j * w * d
+    near = (np.abs(H) < RESONANCE * np.maximum(w2, w * w)) & (w > 0.0)
+    near |= (np.abs(H) < SLOW * np.max(w2)) & (w2 > 0.0)
+    critical = ((np.abs(d * d - 4.0 * w2) <= CRITICAL * w2) | (w2 == 0.0)) & (d > 0.0)
+    apart = critical | np.any(near & (forces != 0.0), axis=0)
+    return np.divide(forces, H, out=np.zeros_like(H), where=(H != 0.0) & ~apart), apart
 
 
-def overdamped_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | None:
-    """As ``complex_modes``, of decoupled modes: two real poles of one that is overdamped, to rounding."""
-    w2, d, waves, loads = shared["w2"], np.diag(shared["damping"]), shared["waves"], shared["loads"]
-    n, sigma, square = len(w2), -0.5 * d, w2 - 0.25 * d * d
-    answer, apart = particular(w2, d, waves, loads)
+def complex_modes(shared: dict[str, Any], forces: Any) -> tuple[Any, Any, Any, Any, Any] | None:
+    """Poles s (N,), modes x and rates y (n, N) with (eta, eta') = Re (x, y) z, the inverse (N, 2 n) of these, and the
+    answers (F, n) to the forces; None where these cancel."""
+    w2, n = shared["w2"], len(shared["w2"])
+    w = np.where(w2 > 0.0, np.sqrt(w2), np.sqrt(np.max(w2)) or 1.0)
+    # The state is (w eta, eta'): V is unitary without damping.
+    vectors = coupled_modes if shared["coupling"] == 2 else overdamped_modes
+    if (found := vectors(w2, w, shared["damping"], shared["waves"], forces)) is None:
+        return None
+    s, V, inverse, answers = found
+    # Of a pair of poles one is enough, twice.
+    keep, twice = s.imag >= 0.0, np.where(s.imag > 0.0, 2.0, 1.0)[:, None]
+    return s[keep], V[:n, keep] / w[:, None], V[n:, keep], (inverse * twice)[keep] * np.append(w, np.ones(n)), answers
+
+
+def overdamped_modes(w2: Array, w: Array, D: Array, waves: Array, forces: Any) -> tuple[Any, Any, Any, Any] | None:
+    """As ``coupled_modes``, of decoupled modes: two real poles of one that is overdamped, to rounding."""
+    d = np.diag(D)
+    answers, apart = decoupled_answers(w2, d, waves, forces)
     if np.any(apart) or np.any(w2 == 0.0):
         return None
-    fast = sigma - np.sqrt(np.maximum(-square, 0.0))
-    first: Any = np.where(square > 0.0, sigma + 1j * np.sqrt(np.maximum(square, 0.0)), w2 / fast)
-    over = np.flatnonzero(square < 0.0)
-    s: Any = np.append(first, fast[over])
-    mode = np.append(np.arange(n), over)
-    N, at = len(s), np.arange(len(s))
-    out, back = np.zeros((4, n, N)), np.zeros((2, N, 2 * n))
-    out[0, mode, at], out[2, mode, at], out[3, mode, at] = 1.0, s.real, s.imag
-    # z = h + i (sigma h - v)/omega of a pair, z_1 + z_2 = h, s_1 z_1 + s_2 z_2 = v of two real poles.
-    pair = np.flatnonzero(square > 0.0)
-    back[0, pair, pair] = 1.0
-    back[1, pair, pair], back[1, pair, n + pair] = sigma[pair] / s[pair].imag, -1.0 / s[pair].imag
-    second, apart_by = n + np.arange(len(over)), first[over].real - fast[over]
-    back[0, over, over], back[0, over, n + over] = -fast[over] / apart_by, 1.0 / apart_by
-    back[0, second, over], back[0, second, n + over] = first[over].real / apart_by, -1.0 / apart_by
-    return s, out, back, answer
+    # The product of the two poles is w^2: their sum would cancel.
+    fast: Any = -0.5 * d + 1j * np.sqrt(w2 - 0.25 * d * d + 0j)
+    slow, one = w2 / fast, np.eye(len(w))
+    V = np.block([[np.diag(w), np.diag(w)], [np.diag(fast), np.diag(slow)]])
+    inverse = np.block([[np.diag(slow / w), -one], [-np.diag(fast / w), one]]) / np.tile(slow - fast, 2)[:, None]
+    return np.append(fast, slow), V, inverse, answers
 
 
-def complex_modes(shared: dict[str, Any]) -> tuple[Any, Array, Array, Array] | None:
-    """Poles (N,), ``out``, ``back`` and the answer to harmonic loads; None where these cancel."""
-    w2, D, waves, loads = (shared[x] for x in ("w2", "damping", "waves", "loads"))
+def coupled_modes(w2: Array, w: Array, D: Array, waves: Array, forces: Any) -> tuple[Any, Any, Any, Any] | None:
+    """Poles s (2 n,), vectors V (2 n, 2 n) of (w eta, eta'), their inverse, and the answers to harmonic forces."""
     n = len(w2)
-    w = np.where(w2 > 0.0, np.sqrt(w2), np.sqrt(np.max(w2)) or 1.0)  # state (w eta, eta'): V is unitary without damping
-    A = np.block([[np.zeros((n, n)), np.diag(w)], [-np.diag(w2 / w), -D]])
     s: Any
-    s, V = np.linalg.eig(A)
-    still = np.abs(s.imag) <= 1e-6 * np.abs(s)
-    keep = np.where(still, True, s.imag > 0.0)
-    real = still & (s.imag == 0.0)
+    s, V = np.linalg.eig(np.block([[np.zeros((n, n)), np.diag(w)], [-np.diag(w2 / w), -D]]))
     # A body that nothing holds has no answer to a constant load, and without a damper of its own no eigenvectors. Poles
     # lose rounding of the fastest: beside a strong dashpot the slow ones are lost.
     if (
-        np.any(still & ~real)
+        np.any((np.abs(s.imag) <= 1e-6 * np.abs(s)) & (s.imag != 0.0))
         or np.max(np.abs(s)) > DASHPOT * np.max(w)
-        or (np.any(w2 == 0.0) and np.any(loads[: 2 * len(waves)][:, w2 == 0.0]))
+        or np.any(forces[:, w2 == 0.0])
+        or np.linalg.cond(V) > CONDITION
     ):
         return None
-    if np.count_nonzero(real) + 2 * np.count_nonzero(keep & ~real) != 2 * n or np.linalg.cond(V) > CONDITION:
-        return None
-    back: Any = np.linalg.inv(V)[keep] * np.where(real[keep], 1.0, 2.0)[:, None] * np.append(w, np.ones(n))
-    s, x, y = s[keep], V[:n, keep] / w[:, None], V[n:, keep]
-    answer = np.zeros((2 * len(waves), n))
-    for f, wave in enumerate(waves):
-        p = loads[2 * f + 1] - 1j * loads[2 * f]
+    answers = np.zeros_like(forces)
+    for answer, p, wave in zip(answers, forces, waves, strict=True):
         if wave > 0.0 and np.any(p) and np.min(np.abs(s - 1j * wave)) < 1e-3 * wave:
             return None
         held = (w2 > 0.0) | (wave > 0.0)
-        z: Any = np.zeros(n, complex)
-        z[held] = np.linalg.solve((np.diag(w2 - wave * wave + 0j) + 1j * wave * D)[np.ix_(held, held)], p[held])
-        answer[2 * f], answer[2 * f + 1] = -z.imag, z.real
-    out = np.ascontiguousarray(np.stack([np.real(x), np.imag(x), np.real(y), np.imag(y)]))
-    return s, out, np.ascontiguousarray(np.stack([np.real(back), np.imag(back)])), answer
+        answer[held] = np.linalg.solve((np.diag(w2 - wave * wave + 0j) + 1j * wave * D)[np.ix_(held, held)], p[held])
+    return s, V, np.linalg.inv(V), answers
 
 
 def pressed_modes(w2: Array, rows: Array, kappa: Array) -> tuple[Array, Array]:
@@ -195,14 +181,12 @@ def with_pressed(free: Free) -> Free:
         return free
     w, V = pressed_modes(w2, free.rows, free.laws[:, 0])
     D = V @ free.damping @ V.T if damped else np.zeros((n, n))
-    stated: dict[str, Any] = {
-        x: getattr(free, x) for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")
-    }
-    stated |= {"w2": w**2, "damping": D, "coupling": 2 * int(damped), "rows": np.ascontiguousarray(free.rows @ V.T)}
+    other = {x: free.stated[x] for x in ("stops", "laws", "meet", "offsets", "waves", "edges", "pieces")}
+    other |= {"w2": w**2, "damping": D, "coupling": 2 * int(damped), "rows": np.ascontiguousarray(free.rows @ V.T)}
     sides = dict[str, Free]()
     for name, g in zip(("low", "up"), free.stops[0], strict=True):
         if np.isfinite(g):
             loads = free.loads - kappa * np.outer(free.offsets[:, 0], row)
             loads[1] += kappa * g * row
-            sides[name] = closed_form(stated | {"loads": np.ascontiguousarray(loads @ V.T)})
+            sides[name] = closed_form(other | {"loads": np.ascontiguousarray(loads @ V.T)})
     return free.changed(V=V, **sides) if all(x.kind for x in sides.values()) else free
