@@ -8,14 +8,14 @@ Between them stand the saltation matrices of the events, see exact/tangent.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..basics.arrays import Array
-from ..basics.resources import Show, silent, working
+from ..basics.resources import Show, working
 from ..basics.validation import InputError, Rng, generator, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
@@ -39,11 +39,13 @@ LOOKS = 64  # output times at which the size of the whole motion is looked at
 
 
 class Watched(NamedTuple):
-    """Data that define the horizon: positions at the times t (k,), of the tip and then of every contact, the impacts of
-    each contact, and of an exact motion the impulses (m,) of rigid stops at t = 0, but for rounding."""
+    """Data that define the horizon: positions at the times t (k,), of the tip and then of every contact, and their
+    scales; the impacts of each contact, and of an exact motion the impulses (m,) of rigid stops at t = 0, but for
+    rounding."""
 
     t: Array
     paths: tuple[Array, ...]
+    scales: Array
     impacts: tuple[Impacts, ...]
     struck: Array = np.zeros(0)
 
@@ -52,56 +54,54 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
     """The time to which a and b agree to PART of |du| <= 1e-3 max|u| at output times, and of impact times to
     ``tolerance``.
 
-    u is the position of the tip and, each by itself, of every contact, see ``scales_of``. Impacts are paired in order,
+    u is the position of the tip and, each by itself, of every contact, see ``watched``. Impacts are paired in order,
     see ``impacts_match_until``, and must differ by less than a twentieth of the mean time between those of their
     contact too. Both must have the same output times, but one may end earlier. max|u| is the smaller of the two: past
     the horizon, one that has diverged may move further than the system does.
     """
-    return agree_until(watched(a), watched(b), tolerance, list(np.fmin(scales_of(a), scales_of(b))))
+    return agree_until(watched(a), watched(b), tolerance)
 
 
 def watched(run: Trajectory) -> Watched:
-    """The data of a run that define the horizon, at its output times."""
-    return Watched(run.t, (run.tip, *(c.position for c in run.contacts)), tuple(c.impacts for c in run.contacts))
+    """The data of a run that define the horizon, at its output times.
+
+    Scales: max|u|, of a contact at least the gap to its nearer stop and STILL of the tip's; of all of them at least
+    STILL of what the whole motion could move the point by, sqrt(row M^-1 row) max |q|_M >= max|row q|.
+    """
+    largest, system, state_at = float(np.max(np.abs(run.tip))), run.system, getattr(run, "state_at", None)
+    scales = np.array([largest, *(max(c.scale, STILL * largest) for c in run.contacts)])
+    if system is not None and state_at is not None:
+        # Every so many outputs, rounded up: at most LOOKS states.
+        q, _ = state_at(run.t[:: -(-len(run.t) // LOOKS)])
+        length = np.sqrt(np.max(np.sum(q * (q @ system.mass), axis=1)))
+        rows = _rows(system)
+        reach = length * np.sqrt(np.sum(rows * np.linalg.solve(system.mass, rows.T).T, axis=1))
+        scales = np.maximum(scales, STILL * reach)
+    paths = run.tip, *(c.position for c in run.contacts)
+    return Watched(run.t, paths, scales, tuple(c.impacts for c in run.contacts))
 
 
-def _watched_motion(motion: Motion, t: Array) -> Watched:
+def _rows(system: System) -> Array:
+    """The rows (1 + m, n) of the tip and of every contact."""
+    return np.array([system.channels[i][0] for i in (system.tip_channel, *range(len(system.contacts)))])
+
+
+def _watched_motion(motion: Motion, t: Array, scales: Array) -> Watched:
     """The same of an exact motion, at any times t (k,)."""
     system, end, contacts = motion.system, float(t[-1]), range(len(motion.system.contacts))
     paths = tuple(motion.path(t, i)[0] for i in (system.tip_channel, *contacts))
     impacts = tuple(entries(motion, i, end) for i in contacts)
     if not system.rigid:
-        return Watched(t, paths, impacts)
+        return Watched(t, paths, scales, impacts)
     largest, blows = np.array([largest_momentum(motion, i) for i in contacts]), motion.blows
     strong = (blows.t <= AT_ONCE * end) & (blows.outward >= DUST * largest[blows.contact])
-    return Watched(t, paths, impacts, np.bincount(blows.contact, blows.outward * strong, len(contacts)))
+    return Watched(t, paths, scales, impacts, np.bincount(blows.contact, blows.outward * strong, len(contacts)))
 
 
-def scales_of(run: Trajectory) -> list[float]:
-    """Scale of 1e-3 for every path of ``watched``: max|u|, of a contact at least the gap to its nearer stop and STILL
-    of the tip's; of all of them at least STILL of what the whole motion could move the point by."""
-    largest = float(np.max(np.abs(run.tip)))
-    scales = [largest, *(max(c.scale, STILL * largest) for c in run.contacts)]
-    return np.maximum(scales, STILL * _reach(run)).tolist()
-
-
-def _reach(run: Trajectory) -> Array:
-    """sqrt(row M^-1 row) max |q|_M >= max|row q| of the tip's row and every contact's; 0 of a run without states."""
-    system, state_at = run.system, getattr(run, "state_at", None)
-    if system is None or state_at is None:
-        return np.zeros(1 + len(run.contacts))
-    # Every so many outputs, rounded up: at most LOOKS states.
-    q, _ = state_at(run.t[:: -(-len(run.t) // LOOKS)])
-    # The inequality of Cauchy and Schwarz in the norm of M.
-    length = np.sqrt(np.max(np.sum(q * (q @ system.mass), axis=1)))
-    rows = np.array([system.channels[i][0] for i in (system.tip_channel, *range(len(run.contacts)))])
-    return length * np.sqrt(np.sum(rows * np.linalg.solve(system.mass, rows.T).T, axis=1))
-
-
-def agree_until(a: Watched, b: Watched, tolerance: float, scales: Sequence[float], chatters: bool = False) -> float:
+def agree_until(a: Watched, b: Watched, tolerance: float, chatters: bool = False) -> float:
     """See ``agreement``; chatters: see ``impacts_match_until``."""
     n = min(len(a.t), len(b.t))
-    t, end = a.t[:n], float(min(a.t[-1], b.t[-1]))
+    t, end, scales = a.t[:n], float(min(a.t[-1], b.t[-1])), np.fmin(a.scales, b.scales)
     horizon = end
     if len(a.struck) and np.max(np.abs(a.struck - b.struck)) > IMPULSES * np.max(np.abs([a.struck, b.struck])):
         return 0.0
@@ -159,33 +159,6 @@ def time_tolerance(system: System, t_end: float = np.inf) -> float:
     return 1e-3 * scales(system, t_end).period
 
 
-def copies_agree_until(
-    motion: Motion, t: Array, tolerance: float, scales: list[float], horizon: float, show: Show = silent
-) -> float:
-    """The time, ``horizon`` at most, to which COPIES of the problem agree with its motion at the times t (k,)."""
-    solver = Solver(motion.system)
-    for seed in range(COPIES):
-        show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
-        copy = solver.perturbed(PERTURBATION, seed)
-        # The first copy to diverge, or to stop, ends it: no other need go further.
-        try:
-            part, other = _copied(copy, t, horizon)
-        except SolverFailure as stopped:
-            horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
-            part, other = _copied(copy, t, float(np.nextafter(horizon, 0.0)))
-        # Of a chatter either may count more impacts.
-        agreed = agree_until(_watched_motion(motion, part), other, tolerance, scales, motion.system.rigid)
-        horizon = min(horizon, agreed)
-    return horizon
-
-
-def _copied(copy: Solver, t: Array, until: float) -> tuple[Array, Watched]:
-    """The times of t (k,) up to the first behind ``until``, and the motion of a copy there."""
-    part = t[: max(2, 1 + int(np.searchsorted(t, until)))]
-    with within_float64("exact", float(part[-1])):
-        return part, _watched_motion(copy.solve(float(part[-1]), stations=part), part)
-
-
 def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Show) -> tuple[float, dict[str, Any]]:
     """Horizon of the exact float64 solution, and the evidence for it, for the provenance.
 
@@ -193,13 +166,12 @@ def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Sh
     solution to half the tolerance. No copy shows that a mode counts as free which a stiffness within the rounding of K
     would hold back: the horizon ends where that reaches the tolerance. Raises SolverFailure where it ends at once.
     """
-    motion, t, scales = reference.solution, reference.t, scales_of(reference)
+    motion, scales, t = reference.solution, watched(reference).scales, reference.t
     system: System = motion.system
     if system.rigid:
         # Differences as large as the rounding of held positions pass, or a body at rest would have no horizon.
         _, kept = withheld(motion, t_end)
-        rows = [system.channels[i][0] for i in (system.tip_channel, *range(len(system.contacts)))]
-        scales = np.maximum(scales, np.abs(rows) @ kept / (PART * DISPLACEMENT_TOLERANCE)).tolist()
+        scales = np.maximum(scales, np.abs(_rows(system)) @ kept / (PART * DISPLACEMENT_TOLERANCE))
     # Outputs that begin late show nothing of the time before.
     if t[0] > 0.0:
         t = np.append(np.linspace(0.0, t[0], OUTPUTS, endpoint=False), t)
@@ -207,14 +179,39 @@ def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Sh
     horizon = copies_agree_until(motion, t, tolerance, scales, most, show)
     # Some copy differs at the first output after the start already: look at earlier times.
     if horizon == 0.0:
-        times = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
-        horizon = min(most, copies_agree_until(motion, times, tolerance, scales_of(reference), t_end))
-        if horizon <= times[1] and not system.rigid:
+        soon = np.append(0.0, t_end * 2.0 ** np.arange(-SOON, 1.0))
+        horizon = copies_agree_until(motion, soon, tolerance, scales, most, show)
+        if horizon <= soon[1] and not system.rigid:
             reason = "rounding is as large as the outputs from the start"
             raise SolverFailure("exact", 0.0, reason, "use multiprecision")
     against = f"{COPIES} copies of the problem, its numbers off by {PERTURBATION:.2g}, to half the tolerance"
     ends = _order_decides(motion, horizon, reference.t) if system.rigid and horizon < t_end else ""
     return horizon, {"horizon_against": against} | ({"horizon_ends": ends} if ends else {})
+
+
+def copies_agree_until(motion: Motion, t: Array, tolerance: float, scales: Array, horizon: float, show: Show) -> float:
+    """The time, ``horizon`` at most, to which COPIES of the problem agree with its motion at the times t (k,)."""
+    solver = Solver(motion.system)
+
+    def agreed(copy: Solver, until: float) -> float:
+        """The time to which a copy agrees, at the times up to the first behind ``until``."""
+        part = t[: max(2, 1 + int(np.searchsorted(t, until)))]
+        end = float(part[-1])
+        with within_float64("exact", end):
+            other = _watched_motion(copy.solve(end, stations=part), part, scales)
+        # Of a chatter either may count more impacts.
+        return agree_until(_watched_motion(motion, part, scales), other, tolerance, motion.system.rigid)
+
+    for seed in range(COPIES):
+        show(f"exact: copy {seed + 1} of {COPIES} for its horizon", 1 + seed, 1 + COPIES)
+        copy = solver.perturbed(PERTURBATION, seed)
+        # The first copy to diverge, or to stop, ends it: no other need go further.
+        try:
+            horizon = min(horizon, agreed(copy, horizon))
+        except SolverFailure as stopped:
+            horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
+            horizon = min(horizon, agreed(copy, float(np.nextafter(horizon, 0.0))))
+    return horizon
 
 
 def _order_decides(solution: Motion, horizon: float, t: Array) -> str:
@@ -398,12 +395,10 @@ def _on_stops(tangent: Tangent, segment: int, dz: Array) -> Array:
     regime, n = tangent.regimes[segment], tangent.variation.n
     if not regime.held or (segment and set(regime.held) <= set(tangent.regimes[segment - 1].held)):
         return dz
-    parts, H = [], tangent.variation.free.rows[regime.held]
-    for x in (dz[:, :n], dz[:, n:]):
-        kept = x - x @ np.linalg.pinv(H) @ H
-        left, whole = (np.linalg.norm(y, axis=1, keepdims=True) for y in (kept, x))
-        parts.append(np.where(left > ROUNDING * whole, kept, 0.0))
-    return np.hstack(parts)
+    H, halves = tangent.variation.free.rows[regime.held], dz.reshape(len(dz), 2, n)
+    kept = halves - halves @ np.linalg.pinv(H) @ H
+    left, whole = (np.linalg.norm(x, axis=2, keepdims=True) for x in (kept, halves))
+    return np.where(left > ROUNDING * whole, kept, 0.0).reshape(dz.shape)
 
 
 def _vectors(tangent: Tangent, rng: Rng) -> Array:

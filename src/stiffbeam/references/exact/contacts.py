@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
+from ...model.contact import channel_position
 from ...model.time_functions import offset_rate, offset_values
 from ...trajectory.records import ContactRecord, Impacts, Ledger
 from ...trajectory.trajectory import SolverFailure
-from .motion import EPS, REMEDY, Motion, pressed, shift_at_start
+from .motion import EPS, REMEDY, Motion, pressed
 
 
 def entries(solution: Motion, i: int, t_end: float) -> Impacts:
@@ -88,13 +89,10 @@ def record_of(solution: Motion, i: int, seen: tuple[Array, Array, Array], t_end:
         peak = np.nan if np.any(late) or np.any(held) else 0.0
     else:
         # Contact that is there at the start is no impact; that at t = 0 has a row too, flagged as open at the start.
-        force, counted = stops.force(position, velocity), begun > since
-        listed = counted | (begun == 0.0)
+        force, listed = stops.force(position, velocity), (begun > since) | (begun == 0.0)
         # A span that t_end cuts has no peak and impulse yet.
         until, tops, pushes = (np.where(ends < t_end, x, np.nan)[listed] for x in (ends, peaks, impulses))
-        impacts = Impacts(
-            times=starts[listed], ends=until, stops=sides[listed], peaks=tops, impulses=pushes, kind="event"
-        ).started(~counted[listed])
+        impacts = Impacts.at(begun[listed], sides[listed], "event", ends=until, peaks=tops, impulses=pushes)
     fraction = float(np.sum(ends - starts) / (t_end - since))
     return ContactRecord(stops, position, velocity, force, impacts, fraction, peak, total)
 
@@ -181,8 +179,7 @@ def audit(solution: Motion, t_end: float) -> None:
     _answered(solution, t_end)
     system, segments = solution.system, np.arange(len(solution.times))
     q, v = solution.states(solution.times, segments)
-    kinetic, elastic = system.free_energies(q, v)
-    energy = kinetic + elastic
+    energy = np.sum(system.free_energies(q, v), axis=0)
     terms = EPS * np.sum(np.abs(q) * (np.abs(q) @ np.abs(system.stiffness)), axis=1)
     seen, middles = solution.seen, 0.5 * (solution.times + np.append(solution.times[1:], t_end))
     t = middles if seen is None or len(seen[0]) < 4 * len(middles) else seen[0]
@@ -193,13 +190,12 @@ def audit(solution: Motion, t_end: float) -> None:
         law = stops.energy(u)
         wrong += np.abs(np.where(chi != 0, 0.5 * stops.coefficients.kappa, 0.0) * (u - stop) ** 2 - law)
         held += law
-        shift = shift_at_start(contact)
-        given, begun = float(contact.row @ system.q0 + shift), float(contact.row @ q[0] + shift)
-        if solution.times[0] == 0.0 and abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
+        given, begun = (float(channel_position(contact.row, contact.offset, 0.0, x)) for x in (system.q0, q[0]))
+        if abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
     # The largest energy so far, between events too: a body squeezed from both sides may have none at them.
-    kinetic, elastic = system.free_energies(*solution.states(t))
-    largest = np.maximum.accumulate(np.maximum(np.maximum(energy[piece], held), kinetic + elastic))
+    between = np.sum(system.free_energies(*solution.states(t)), axis=0)
+    largest = np.maximum.accumulate(np.max([energy[piece], held, between], axis=0))
     bad = np.flatnonzero(wrong > SEEN * largest + terms[piece] + NOTHING * np.max(largest, initial=0.0))
     if len(bad):
         share = wrong[bad[0]] / max(float(largest[bad[0]]), 1e-300)
@@ -212,7 +208,7 @@ def _answered(solution: Motion, t_end: float) -> None:
     its rounding; both in the norm of M."""
     free = solution.free
     lost = 4.0 * EPS * float(np.linalg.norm(free.answer))
-    if solution.times[0] == 0.0 and lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
+    if lost and t_end * float(np.max(np.hypot(*free.poles))) > FLOWN:
         length = np.linalg.norm(solution.states(np.linspace(0.0, t_end, 33))[0] @ free.into, axis=1)
         if lost > START * float(np.max(length)):
             raise SolverFailure("exact", 0.0, SMALLER, "use multiprecision")
@@ -258,14 +254,12 @@ def _beyond(solution: Motion, t: Array, kept: Array) -> float:
     times, worst = solution.times, 0.0
     (q, v), (q_between, _) = solution.states(times, np.arange(len(times))), solution.states(t)
     for contact in solution.system.contacts:
-        shift, stops = offset_values(contact.offset, times), contact.stops
-        u = q @ contact.row + shift
-        between = q_between @ contact.row + offset_values(contact.offset, t)
+        u, between = (channel_position(contact.row, contact.offset, *x) for x in ((times, q), (t, q_between)))
         # Of positions, and of the times of events.
-        moved = np.abs(q) + times[:, None] * np.abs(v)
-        rounding = ROUNDINGS * EPS * float(np.max(moved @ np.abs(contact.row) + np.abs(shift)))
-        rounding += float(kept @ np.abs(contact.row))
-        sizes = [abs(g) for g in (stops.lower_bound, stops.upper_bound) if np.isfinite(g)]
-        sizes += [float(np.max(np.abs(x))) for x in (u, between)] + [1e-300]
-        worst = max(worst, (float(np.max(np.abs(stops.penetration(u)))) - rounding) / max(sizes))
+        row, moved = np.abs(contact.row), np.abs(q) + times[:, None] * np.abs(v)
+        rounding = ROUNDINGS * EPS * float(np.max(moved @ row + np.abs(offset_values(contact.offset, times))))
+        largest = max(float(np.max(np.abs(x))) for x in (u, between))
+        size = max(largest, *(abs(g) for _, g in contact.stops.sides), 1e-300)
+        beyond = float(np.max(np.abs(contact.stops.penetration(u)))) - rounding - float(kept @ row)
+        worst = max(worst, beyond / size)
     return worst

@@ -185,15 +185,21 @@ def rests(tangent: Tangent, contact: int, side: int) -> list[float]:
         return starts[impulses == 0.0][:1].tolist()
     owner, at, h, _ = tangent.cut()
     there = np.all([_near(tangent, contact, side, at + s * h, owner) for s in (0.0, 0.5, 1.0)], axis=0)
-    for i in np.flatnonzero(tangent.sides[:, contact] == 0).tolist():
-        if not np.all(there[owner == i]) or not tangent.lengths[i] > 0.0:
-            continue
-        y = tangent.at(tangent.times[i : i + 1] + 0.5 * tangent.lengths[i], np.array([i]))[0]
-        moved = tangent.gap(y, contact, side)[1][0]
-        form = np.abs(tangent.variation.base.position[contact])
-        if np.any(np.abs(moved) > 1e-12 * (np.abs(y[1:]) @ form)):
-            return [float(tangent.times[i])]
+    for i in np.flatnonzero((tangent.sides[:, contact] == 0) & (tangent.lengths > 0.0)).tolist():
+        if np.all(there[owner == i]):
+            y = tangent.at(tangent.times[i : i + 1] + 0.5 * tangent.lengths[i], np.array([i]))[0]
+            if _depend(tangent, y, contact, side)[0]:
+                return [float(tangent.times[i])]
     return []
+
+
+def _depend(tangent: Tangent, y: Array, contact: int, side: int) -> list[bool]:
+    """True where the gap, and the rate, of a contact in y (1 + D, N) depend on a parameter: sums far below their terms
+    are cancellation."""
+    row, n = tangent.variation.data.rows[contact], tangent.variation.n
+    parts = zip(tangent.gap(y, contact, side)[1], (y[1:, :n], y[1:, n : 2 * n]), strict=True)
+    moved = ((np.abs(x), np.abs(part) @ np.abs(row) + np.abs(x - part @ row)) for x, part in parts)
+    return [bool(np.any(size > 1e-12 * terms)) for size, terms in moved]
 
 
 def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
@@ -220,17 +226,13 @@ def near_misses(tangent: Tangent, contact: int, side: int) -> list[float]:
 
 def starts_on_stop(tangent: Tangent, contact: int, side: int) -> bool:
     """Return True if a contact starts on its stop to rounding, and its gap there depends on a parameter."""
-    variation, n, z, dz = tangent.variation, tangent.variation.n, tangent.z[0], tangent.dz[0]
-    row = variation.data.rows[contact]
-    gap, slopes, size = tangent.gap(tangent.whole(0, 0.0, z, dz), contact, side)
-    if abs(float(gap[0])) > tangent.graze * size:
+    n, row = tangent.variation.n, tangent.variation.data.rows[contact]
+    y = tangent.whole(0, 0.0, tangent.z[0], tangent.dz[0])
+    (gap, rate), _, size = tangent.gap(y, contact, side)
+    if abs(gap) > tangent.graze * size:
         return False
-    speeds = np.abs(row) @ np.abs(z[n:]) + abs(float(gap[1] - row @ z[n:]))
+    v = y[0, n : 2 * n]
+    speeds = np.abs(row) @ np.abs(v) + abs(float(rate - row @ v))
     # At rest there, a rigid contact is hit or leaves as the speed is turned.
-    both = tangent.rigid and abs(float(gap[1])) <= tangent.graze * speeds
-    for slope, part in list(zip(slopes, (dz[:, :n], dz[:, n:]), strict=True))[: 1 + both]:
-        # Sums far below their terms are cancellation: the gap does not depend on the parameter.
-        terms = np.abs(part) @ np.abs(row) + np.abs(slope - part @ row)
-        if np.any(np.abs(slope) > 1e-12 * terms):
-            return True
-    return False
+    both = tangent.rigid and abs(rate) <= tangent.graze * speeds
+    return any(_depend(tangent, y, contact, side)[: 1 + both])

@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -22,9 +21,9 @@ from numpy.typing import NDArray
 
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford, in_time
-from ...basics.validation import InputError, exact_value
+from ...basics.validation import InputError
 from ...kernels.exact import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
-from ...model.contact import Contact
+from ...model.contact import channel_motion
 from ...model.system import System
 from ...model.time_functions import evaluate, offset_rate, offset_values
 from ...trajectory.trajectory import SolverFailure
@@ -73,16 +72,11 @@ def require_short(free: Free, length: float) -> None:
 LEFT = 1e-12  # of the distance between a rigid stop and a start, relative: the start is on the stop
 
 
-def shift_at_start(contact: Contact) -> float:
-    """The offset at t = 0."""
-    return float(offset_values(contact.offset, np.zeros(1))[0])
-
-
 def on_stops(system: System) -> dict[int, int]:
     """The contacts on their rigid stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
     closed = {}
     for contact, each in enumerate(system.contacts):
-        moved = shift_at_start(each)
+        moved = float(offset_values(each.offset, 0.0))
         u = float(each.row @ system.q0) + moved
         # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
         whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))
@@ -96,71 +90,83 @@ def on_stops(system: System) -> dict[int, int]:
     return closed
 
 
-def resting(system: System) -> tuple[list[int], list[int]]:
-    """Contacts that start on their stops as they are written, not but for rounding, and those of them at rest there."""
-    on = []
-    for i, side in on_stops(system).items():
-        contact = system.contacts[i]
-        ratio, pi = exact_value(contact.stops.upper if side > 0 else contact.stops.lower)  # type: ignore[arg-type]
-        terms = zip(contact.row.tolist(), system.q0.tolist(), strict=True)
-        # Exact fractions of the numbers as written. What has a factor pi or an offset counts as off the stop.
-        if not pi and not shift_at_start(contact) and sum(Fraction(row) * Fraction(q) for row, q in terms) == ratio:
-            on.append(i)
-    still = [i for i in on if system.contacts[i].offset is None and not np.any(system.contacts[i].row * system.v0)]
-    return on, still
-
-
 class Solver:
     """Solver of one system; free: its free system, where it is known."""
 
     def __init__(self, system: System, free: Free | None = None) -> None:
         self.system, self.free, self.together = system, free or free_system(system), TOGETHER
         self.eta, self.rate = system.q0 @ self.free.into, system.v0 @ self.free.into
-        if system.rigid:
-            # What is on its stop but for rounding is on it.
-            stops, shifts = self.free.stops.copy(), [shift_at_start(x) for x in system.contacts]
-            for i, side in on_stops(system).items():
-                stops[i, int(side > 0)] = float(self.free.rows[i] @ self.eta) + shifts[i]
+        self.closed = on_stops(system) if system.rigid else {}
+        if self.closed:  # what is on its stop but for rounding is on it
+            stops = self._stops_at(self.free.stops, self.eta, np.zeros(len(system.contacts)))
             self.free = self.free.changed(stops=stops)
+
+    def _stops_at(self, stops: Array, eta: Array, off: Array) -> Array:
+        """The stops (m, 2) moved to the contacts that start on them, and ``off`` (m,) farther."""
+        stops = stops.copy()
+        for i, side in self.closed.items():
+            place = float(self.free.rows[i] @ eta + offset_values(self.system.contacts[i].offset, 0.0))
+            stops[i, int(side > 0)] = place + side * off[i]
+        return stops
 
     def perturbed(self, size: float, seed: int) -> Solver:
         """A solver of a copy of the problem, whose numbers are off by ``size``, relative, each in its own way.
 
-        Contacts that are written as on their rigid stops, or at rest there, are so in the copy too; those that reach
-        them together in the original may do so one after the other.
+        Contacts that start on their rigid stops, or at rest there, do so in the copy too; those that reach them
+        together in the original may do so one after the other.
         """
         twin, free, rng = copy(self), self.free, np.random.default_rng(seed)
 
-        def off(x: Array) -> Array:
-            return x * (1.0 + size * rng.uniform(-1.0, 1.0, x.shape))
+        def noise(x: Array) -> Array:
+            return size * rng.uniform(-1.0, 1.0, x.shape)
 
-        kept = "coupling waves edges damping meet offsets X into cancelled"
-        shared = {x: getattr(free, x) for x in kept.split()}
-        shared |= {x: off(getattr(free, x)) for x in ("w2", "loads", "rows", "stops", "laws", "pieces")}
-        lost = size * rng.uniform(-1.0, 1.0, free.cancelled.shape) * free.cancelled
-        shared["loads"] = shared["loads"] + lost @ free.X
-        shared["laws"][:, 2] = free.laws[:, 2]  # restitution 1 is another law than anything below
+        def off(x: Array) -> Array:
+            return x * (1.0 + noise(x))
+
+        other: dict[str, Any] = free.stated | {
+            x: off(getattr(free, x)) for x in ("w2", "loads", "rows", "stops", "laws", "pieces")
+        }
+        lost = noise(free.cancelled) * free.cancelled
+        other["loads"] = other["loads"] + lost @ free.X
+        other["laws"][:, 2] = free.laws[:, 2]  # restitution 1 is another law than anything below
         twin.eta, twin.rate = off(self.eta), off(self.rate)
         if self.system.rigid:
-            twin.together, shared["rows"] = 0.0, free.rows  # contacts that do not move each other stay so
+            twin.together, other["rows"] = 0.0, free.rows  # contacts that do not move each other stay so
             # Bodies without a force have none: pushed off their stops by rounding they would bounce for ever.
             forces = free.loads @ free.into.T
-            shared["loads"] = free.loads + (off(forces) - forces + lost) @ free.X
+            other["loads"] = free.loads + (off(forces) - forces + lost) @ free.X
             # What is zero by symmetry is off as well: who is hit first may decide.
-            twin.eta = twin.eta + size * np.max(np.abs(self.eta), initial=0.0) * rng.uniform(-1.0, 1.0, len(self.eta))
-            self._keep_on_stops(shared["rows"], shared["stops"], twin, rng)
+            twin.eta = twin.eta + np.max(np.abs(self.eta), initial=0.0) * noise(self.eta)
+            other["stops"] = self._start_of(twin, other["stops"], rng)
+        other |= dict.fromkeys(("up", "low", "V"))
         if free.kind == 2 and free.coupling == 2:  # without another eigenproblem, which loses eps of the largest pole
-            lost = size * np.max(np.abs(free.poles)) * rng.uniform(-1.0, 1.0, free.poles.shape)
-            exponentials = np.arange(free.poles.shape[1]) < free.poles.shape[1] - len(free.waves)
-            real = (free.poles[1] == 0.0) & (np.arange(2) > 0)[:, None]
-            poles = free.poles + np.where(exponentials & ~real, lost, 0.0)
-            copied = free.changed(**shared, up=None, low=None, V=None, poles=poles)
+            lost = np.max(np.abs(free.poles)) * noise(free.poles)
+            lost[:, -len(free.waves) :], lost[1, free.poles[1] == 0.0] = 0.0, 0.0  # drives stay, and real poles real
+            copied = Free(**other | {"poles": free.poles + lost})
         else:
             drag = off(free.drag)
-            shared["damping"] = np.diag(drag) if free.coupling < 2 else off(free.damping)
-            copied = closed_form(shared)
+            other["damping"] = np.diag(drag) if free.coupling < 2 else off(free.damping)
+            copied = closed_form(other)
         twin.free = with_pressed(copied)
         return twin
+
+    def _start_of(self, twin: Solver, stops: Array, rng: np.random.Generator) -> Array:
+        """Stops (m, 2) of a copy moved to the contacts that start on them; those that rest there are stopped.
+
+        Contacts that touch their stops and do not press, and all where one of several is hit at once, are a rounding
+        off: the order of blows may decide.
+        """
+        closed, v0, rows, contacts = self.closed, self.system.v0, self.free.rows, self.system.contacts
+        still = [i for i in closed if contacts[i].offset is None and not np.any(contacts[i].row * v0)]
+        hit = any(side * float(contacts[i].row @ v0) > 0.0 for i, side in closed.items() if i not in still)
+        loose = [i for i in closed if (hit and len(closed) > 1) or (i in still and not self._pressed_at_start[i])]
+        reach, off = np.abs(twin.eta) + np.abs(twin.rate) / self.fastest, np.zeros(len(rows))
+        rounding = 4.0 * EPS * np.abs(rows) @ (reach + EPS * np.max(reach, initial=0.0))
+        off[loose] = rng.uniform(size=len(loose)) * rounding[loose]
+        if still:
+            held = rows[still]
+            twin.rate = twin.rate - held.T @ np.linalg.solve(held @ held.T, held @ twin.rate)
+        return self._stops_at(stops, twin.eta, off)
 
     @property
     def fastest(self) -> float:
@@ -173,27 +179,6 @@ class Solver:
         soon = 0.01 / self.fastest
         forces = np.abs(self.solve(soon).reactions(np.array([0.5 * soon]))[0])
         return forces > 1e-9 * np.max(forces, initial=0.0)
-
-    def _keep_on_stops(self, rows: Array, stops: Array, twin: Solver, rng: np.random.Generator) -> None:
-        """Move the stops (m, 2) of a copy to the contacts that start on them, and stop those that rest there.
-
-        Contacts that touch their stops and do not press, and all where one of several is hit at once, are a rounding
-        off: the order of blows may decide.
-        """
-        on, still = resting(self.system)
-        closed, contacts = on_stops(self.system), self.system.contacts
-        hit = any(side * float(contacts[i].row @ self.system.v0) > 0.0 for i, side in closed.items() if i not in still)
-        reach = np.abs(twin.eta) + np.abs(twin.rate) / self.fastest
-        off = 4.0 * EPS * np.abs(rows) @ (reach + EPS * np.max(reach, initial=0.0))
-        for i, side in closed.items():
-            place, at = float(rows[i] @ twin.eta) + shift_at_start(contacts[i]), int(side > 0)
-            if (hit and len(closed) > 1) or (i in still and not self._pressed_at_start[i]):
-                stops[i, at] = place + side * rng.uniform() * off[i]
-            elif i in on or side * place > side * stops[i, at]:
-                stops[i, at] = place
-        if still:
-            held = rows[still]
-            twin.rate = twin.rate - held.T @ np.linalg.solve(held @ held.T, held @ twin.rate)
 
     def solve(
         self, t_end: float, start: tuple[Array, Array] | None = None, stations: Array = NO_TIMES, t: float = 0.0,
@@ -293,7 +278,7 @@ class Motion:
         """eta, eta' (k, n) and reactions of held contacts (k, m) at times t (k,) as the given segments have them."""
         t = np.array(t, float)
         if piece is None:
-            for kept in (self.seen, self.last[0] if self.last else None):
+            for kept in (self.seen, *self.last):
                 if kept is not None and np.array_equal(kept[0], t):
                     return kept[1:]  # type: ignore[return-value]
         mark = self.mark_at(t, self.piece_at(t) if piece is None else piece)
@@ -315,9 +300,8 @@ class Motion:
     def path(self, t: Array, channel: int) -> tuple[Array, Array]:
         """Position and velocity of a channel at any times, (k,) each; of a held contact those of its stop."""
         row, function = self.system.channels[channel]
-        u, v = (x @ (row @ self.free.X) for x in self.modal(t)[:2])
-        if function is not None:
-            u, v = u + offset_values(function, t), v + offset_rate(function, t)
+        eta, rate, _ = self.modal(t)
+        u, v = channel_motion(row @ self.free.X, function, t, eta, rate)
         if not self.system.rigid or channel >= len(self.system.contacts):
             return u, v
         stops, side = self.system.contacts[channel].stops, self.sides[self.piece_at(t), channel]

@@ -7,6 +7,7 @@ Source: Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -236,21 +237,17 @@ def shoot(mapping: PeriodMap, z: Array) -> tuple[Array, float]:
             step = np.linalg.solve((D - np.eye(len(z))) * scale, -(end - z)) * scale
         except np.linalg.LinAlgError as error:
             raise SolverFailure("periodic_orbit", mapping.period, NOT_ALONE, FREE) from error
-        best = None
-        for halving in range(HALVINGS):
-            trial = z + step * 0.5**halving
-            try:
-                new = float(np.max(np.abs(mapping.ahead(trial, 1) - trial) / scale))
-            except SolverFailure:
-                continue
-            if best is None or new < best[0]:
-                best = new, trial
-            if new < defect:
-                break
+        trials = list[tuple[float, Array]]()
+        for trial in (z + step * 0.5**halving for halving in range(HALVINGS)):
+            with suppress(SolverFailure):
+                trials.append((float(np.max(np.abs(mapping.ahead(trial, 1) - trial) / scale)), trial))
+                if trials[-1][0] < defect:
+                    break
+        best, z_new = min(trials, key=lambda each: each[0], default=(np.inf, z))
         # A closed orbit that does not improve is at rounding. Before that even a worse trial may lead on.
-        if best is None or (best[0] >= defect and defect < CLOSED):
+        if not trials or (best >= defect and defect < CLOSED):
             break
-        z = best[1]
+        z = z_new
     if not defect < CLOSED:
         reason = f"Newton's method does not close the orbit: {defect:.1e} of it is left"
         raise SolverFailure("periodic_orbit", mapping.period, reason, "give a closer guess, as a neighbouring orbit")

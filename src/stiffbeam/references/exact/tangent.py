@@ -35,7 +35,7 @@ from ...model.system import System
 from ...model.system_data import SystemData, data_of, load_terms, offset_terms
 from ...model.time_functions import Constant, Harmonic, Sampled, moved
 from .free import free_system, pressed_modes
-from .motion import Motion
+from .motion import Motion, pressed
 
 GRAZE = 64.0 * float(np.finfo(float).eps)  # of h, by which a graze is told from an event
 CHUNK = 1_000_000  # numbers of a series at once
@@ -157,7 +157,7 @@ class Variation:
 
     def regime(self, sides: Sequence[int]) -> Regime:
         """The regime with contacts on these sides (m,)."""
-        key = tuple(sides)
+        key = tuple(pressed(sides).tolist())
         if key not in self._regimes:
             self._regimes[key] = Regime(self, key)
         return self._regimes[key]
@@ -176,7 +176,6 @@ class Regime:
 
     def __init__(self, variation: Variation, sides: tuple[int, ...]) -> None:
         self.variation, free, n = variation, variation.free, variation.n
-        sides = tuple(x if x in (-1, 1) else 0 for x in sides)
         closed, rigid = np.flatnonzero(sides).tolist(), variation.system.rigid
         on, self.held = ([], closed) if rigid else (closed, [])
         self.A = variation.base.matrix(sides, self.held)
