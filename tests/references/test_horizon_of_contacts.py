@@ -37,7 +37,7 @@ def test_a_fast_contact_beside_a_slow_tip():
 
 
 def test_a_contact_that_stands_still_does_not_end_it():
-    """Its position is rounding, beside a gap that it does not come near, or a stop that it rests on."""
+    """Its position is rounding, beside a gap that it does not come near, or a stop that it rests on to rounding."""
     contacts = [sb.Contact([1.0, -1.0], sb.Stops(lower=-0.1, upper=0.1, stiffness=100.0))]
     load = [([1.0, 1.0], sb.Harmonic(amplitude=1.0, frequency=1.3))]
     system = sb.System.from_matrices(np.eye(2), [[2.0, -1.0], [-1.0, 2.0]], None, load, contacts, observe=[1.0, 0.0])
@@ -45,9 +45,8 @@ def test_a_contact_that_stands_still_does_not_end_it():
     resting = sb.Contact([0.0, 1.0], sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.5))
     push = [([1.0, 0.0], sb.Harmonic(amplitude=1.0, frequency=1.3)), ([0.0, 1.0], sb.Constant(5.0))]
     system = sb.System.from_matrices(np.eye(2), np.eye(2), None, push, [resting], observe=[1.0, 0.0])
-    assert sb.reference(system, 50.0).horizon == 50.0
     pressed = one_mass(1.0, sb.Stops(upper=0.3, stiffness=np.inf, restitution=1.0), load=sb.Constant(5.0), q=0.7 - 0.4)
-    assert sb.reference(pressed, 5.0).horizon == 5.0  # copies that fell on the stop from 6e-17 bounced for ever
+    assert sb.reference(system, 50.0).horizon == sb.reference(pressed, 50.0).horizon == 50.0
 
 
 def test_impacts_agree_by_their_own_distances():
