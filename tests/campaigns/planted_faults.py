@@ -154,12 +154,7 @@ def wrong(root: Path, room: str, sources: Path, slow: bool) -> tuple[str, float]
     return test, time.monotonic() - begun
 
 
-SOUND = (
-    "schemes",
-    "schemes/multistep.py",
-    "c = 2.0 * dt / 3.0",
-    "c = 2.0 * dt / 3.0",
-)  # --only -1: no fault, nothing fails
+SOUND = ("schemes", "schemes/multistep.py", "c = 2.0 * dt / 3.0", "c = 2.0 * dt / 3.0")  # --only -1: nothing fails
 
 
 def main() -> int:
