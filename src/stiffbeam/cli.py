@@ -516,7 +516,10 @@ def main() -> None:
             raise
         _fail(error, 1)
     except KeyboardInterrupt:
-        print("stiffbeam: interrupted; finished parts are kept, run the same command again", file=sys.stderr)
+        print(
+            "stiffbeam: interrupted; the same command goes on from the points that a study has finished",
+            file=sys.stderr,
+        )
         if stopped:  # at once: worker processes end with this one
             sys.stdout.flush()
             sys.stderr.flush()

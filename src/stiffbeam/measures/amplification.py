@@ -55,6 +55,10 @@ class Amplification:
     period_elongation: Array
     damping_ratio: Array
 
+    def __repr__(self) -> str:
+        x = np.atleast_1d(self.dt_over_period)
+        return f"<Amplification of {self.scheme} at {x.size} dt/T, {np.min(x):g} to {np.max(x):g}>"
+
     @property
     def stable_to(self) -> float:
         """The largest of dt_over_period up to which the radius stays <= 1; inf: at all of them."""

@@ -56,10 +56,8 @@ class _Stopped(RuntimeError):
 class Diverged(_Stopped):
     """A run of a scheme that overflowed. The message gives a fix.
 
-    Parameters
+    Attributes
     ----------
-    scheme, remedy : str
-        Label of the scheme, and a fix.
     t : float
         Time of the first value that is not finite.
     """
@@ -70,9 +68,8 @@ class Diverged(_Stopped):
 class SolverFailure(_Stopped):
     """A reference solver that could not go on. The message gives the reason and a fix.
 
-    Parameters
+    Attributes
     ----------
-    solver, reason, remedy : str
     t : float
         The time that the solver had reached.
     """
