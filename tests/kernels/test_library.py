@@ -35,7 +35,7 @@ def test_a_kernel_refuses_arrays_that_do_not_fit_each_other():
     with pytest.raises(TypeError):
         contact_forces(np.zeros(2), np.zeros(1), law)
     with pytest.raises(TypeError):
-        states(*(np.zeros((1, 1)),) * 3, np.zeros((2, 1)), 1)
+        states(*(np.zeros((1, 1)),) * 3, np.zeros((2, 1)), 1, np.zeros(4))
 
 
 def test_read_only_arrays_have_an_address():

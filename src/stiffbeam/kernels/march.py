@@ -50,14 +50,16 @@ def switch_time(u0: float, v0: float, u1: float, v1: float, side: float, law: Ar
     return library().switch_time(u0, v0, u1, v1, side, address(law, (LAW,)), dt)
 
 
-def states(transition: Array, push: Array, forces: Array, starts: Array, K: int) -> Array:
+def states(transition: Array, push: Array, forces: Array, starts: Array, K: int, room: Array) -> Array:
     """q and q' (2, 1 + steps, n) at the ends of single steps under known forces, every K steps from one of the starts.
     The first row, before the steps, is zero.
 
-    transition: (a, a n), as in a Block; push: (F, a n); forces: (steps, F); starts: (B, a n).
+    transition: (a, a n), as in a Block; push: (F, a n); forces: (steps, F); starts: (B, a n). room: numbers in a row,
+    the first of which the result takes.
     """
     (a, D), (steps, F), B = transition.shape, forces.shape, -(-len(forces) // K)
-    out, z, n = np.empty((2, 1 + steps, D // a)), np.empty((3, D)), D // a
+    n, z = D // a, np.empty((3, D))
+    out = room[: 2 * (1 + steps) * n].reshape(2, 1 + steps, n)
     out[:, 0] = 0.0
     arrays = (transition, (a, a * n)), (push, (F, D)), (forces, (steps, F)), (starts, (B, D))
     at = (address(x, shape) for x, shape in (*arrays, (z, z.shape), (out, out.shape)))

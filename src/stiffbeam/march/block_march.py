@@ -111,8 +111,10 @@ class Stepper:
         coordinates, m = self.coordinates, len(member.contacts)
         last = coordinates.start(member.q0, member.v0) if modal else (member.q0, member.v0)
         node = np.full((1, m), np.nan)  # the forces of the last node
+        # One room for all parts: pages that are given back and asked for again take as long as the steps.
+        room = np.empty(2 * (1 + min(steps, STEPS_REPLAYED)) * len(coordinates.rows.T))
         for propagator, first, count, starts, known in March(self, member, steps, None).advance(replayed=True):
-            y, forces = self._single_steps(member, propagator, first, count, starts, known)
+            y, forces = self._single_steps(member, propagator, first, count, starts, known, room)
             if modal:
                 (q, v), y[:, 0] = y, last
             else:  # by products of as many rows as there are steps, whose bits do not depend on the threads
@@ -122,7 +124,7 @@ class Stepper:
             last, node = (q[-1].copy(), v[-1].copy()), forces[-1:]
 
     def _single_steps(
-        self, member: System, propagator: Propagator, first: int, steps: int, starts: Array, forces: Array
+        self, member: System, propagator: Propagator, first: int, steps: int, starts: Array, forces: Array, room: Array
     ) -> tuple[Array, Array]:
         """y (2, 1 + steps, N) at the ends of the steps from step ``first``, behind a row for what is before, and the
         forces (steps, m) that nodes found there, NaN where no node is.
@@ -140,7 +142,8 @@ class Stepper:
             acting[:steps, i * S : (i + 1) * S] = evaluate(function, times)
         z, push = propagator.unpack(starts).swapaxes(0, 1).reshape(B, -1), one.push.transpose(2, 1, 0)
         if n > 1:
-            y = single_steps(by_diagonals(one.transition), push.reshape(-1, n * len(one.keep)), acting[:steps], z, K)
+            push, acting = push.reshape(-1, n * len(one.keep)), acting[:steps]
+            y = single_steps(by_diagonals(one.transition), push, acting, z, K, room)
         else:  # one matrix for all unknowns: the blocks side by side
             path = (acting @ push[..., 0]).reshape(B, K, -1)
             for k in range(K):
