@@ -40,7 +40,7 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
         else:
             differs = run.system.differences(reference.system)
             rule += f"; they differ in: {', '.join(differs)}"
-            if differs == ["exact parameters"]:
+            if "exact parameters" in differs:
                 remedy += '; 0.1 in Python is a double, in a case file and as "0.1" it is the decimal'
         raise InputError("reference", reference.label, rule, remedy)
     if not np.isfinite(reference.horizon):
