@@ -33,11 +33,11 @@ from .references.ensemble import reference_ensemble as reference_ensemble
 from .references.exact.orbit import periodic_orbit as periodic_orbit
 from .references.horizon import lyapunov as lyapunov
 from .references.jax_flow import jax_flow as jax_flow
-from .schemes.first_order import BDF2 as BDF2
-from .schemes.first_order import Bathe as Bathe
-from .schemes.first_order import ExponentialFlow as ExponentialFlow
-from .schemes.first_order import Theta as Theta
-from .schemes.first_order import Trapezoidal as Trapezoidal
+from .schemes.first_order_form import BDF2 as BDF2
+from .schemes.first_order_form import Bathe as Bathe
+from .schemes.first_order_form import ExponentialFlow as ExponentialFlow
+from .schemes.first_order_form import Theta as Theta
+from .schemes.first_order_form import Trapezoidal as Trapezoidal
 from .schemes.newmark import HHT as HHT
 from .schemes.newmark import GeneralisedAlpha as GeneralisedAlpha
 from .schemes.rigid import ContactStabilisedNewmark as ContactStabilisedNewmark

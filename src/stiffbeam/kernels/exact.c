@@ -760,7 +760,7 @@ static void outward(Motion *x, double *v)
     for (Int i = 0; i < x->free->m; i++) v[i] = -(double)x->c->closed[i] * position(x, i, 1);
 }
 
-/* An event at t: a contact changes its side, 9 times the stop for a rebound. */
+/* An event at t: a contact changes its side, REBOUND times the stop where it is thrown back at once. */
 static void note(Motion *x, Int contact, Int side)
 {
     Output *o = x->out;
@@ -821,7 +821,7 @@ static void gather(Motion *x, Int hit)
             if (isinf(g) || !(into > 0.0) || (c->fresh_side[i] == s && c->fresh[i] > 0)) continue;
             if ((double)s * (g - position(x, i, 0)) > c->together * EPS * (c->t * into + 0.25 * fabs(g))) continue;
             c->closed[i] = s;
-            note(x, i, 9 * s);
+            note(x, i, REBOUND * s);
         }
 }
 
@@ -1037,7 +1037,7 @@ static int change(Motion *x, Event e, Int *now)
         memset(c->lost, 0, (size_t)(2 * f->n) * sizeof(double));
         if (was == 0) {
             close_held(x, hit, stop);
-            *now = 9 * stop;
+            *now = REBOUND * stop;
             return 1;
         }
         c->side[hit] = 0, c->fresh[hit] = 3; /* held, and presses no more */
@@ -1091,7 +1091,7 @@ static void strike_again(Motion *x)
     for (Int back; (back = driven_back(x, x->left)) >= 0;) {
         x->left[back] = 0, c->fresh[back] = 0;
         close_held(x, back, c->fresh_side[back]);
-        note(x, back, 9 * c->fresh_side[back]);
+        note(x, back, REBOUND * c->fresh_side[back]);
         strike(x, back);
     }
 }
@@ -1117,7 +1117,7 @@ static void act(Motion *x)
     if (c->begun > 1 && hit >= 0) /* the event and those that were gathered behind it */
         for (Int k = last; k < o->events; k++) {
             Int i = o->event_contact[k];
-            o->event_side[k] = c->side[i] != 0 ? c->side[i] : 9 * c->fresh_side[i];
+            o->event_side[k] = c->side[i] != 0 ? c->side[i] : REBOUND * c->fresh_side[i];
         }
     c->waits = 0;
     if (f->m < 2) return;
@@ -1134,7 +1134,7 @@ static void turn_of(Motion *x, Int i)
     State *c = x->c;
     close_held(x, i, c->fresh_side[i]);
     c->fresh[i] = 0, c->waits = 1, c->still++;
-    note(x, i, 9 * c->fresh_side[i]);
+    note(x, i, REBOUND * c->fresh_side[i]);
 }
 
 /* Rounding of the position of a contact in a stretch of length h. */

@@ -3,7 +3,7 @@
  * Sizes: n modes, m contacts, F frequencies (the first is 0: constants), R records, E edges of the records' pieces,
  * N exponentials of the modes, B = 2 F + R rows of loads, T = N + F terms of a motion in closed form.
  * Sides of a contact: 0 open, +-1 pressed or held at the upper/lower stop, +-2 beyond a damped stop that has let go;
- * an event that throws a contact back has 9 times the stop.
+ * an event that throws a contact back has REBOUND times the stop.
  */
 #ifndef STIFFBEAM_EXACT_H
 #define STIFFBEAM_EXACT_H
@@ -11,6 +11,7 @@
 #include "law.h"
 
 enum { NO_MEMORY = -1, DONE, FULL, STALLED, NOT_FINITE }; /* results of exact_follow */
+enum { REBOUND = 9 };
 
 /* The free system in its modes, and its contacts. */
 typedef struct Free {
@@ -71,7 +72,7 @@ typedef struct {
     double *mark_t SHAPE(room), *mark_eta SHAPE(room, n), *mark_rate SHAPE(room, n);
     Int *mark_side SHAPE(room, m);
     double *event_t SHAPE(room);
-    Int *event_contact SHAPE(room), *event_side SHAPE(room), *event_mark SHAPE(room); /* contact, its new side (9 times the stop: a rebound), mark behind it */
+    Int *event_contact SHAPE(room), *event_side SHAPE(room), *event_mark SHAPE(room); /* contact, its new side (REBOUND times the stop), mark behind it */
     double *blow_t SHAPE(room), *blow_impulse SHAPE(room); /* impulses of rigid stops on the positions; */
     double *blow_before SHAPE(room), *blow_after SHAPE(room); /* their rates */
     Int *blow_contact SHAPE(room), *blow_side SHAPE(room), *blow_mark SHAPE(room); /* contact, its stop, mark behind it */

@@ -1,6 +1,6 @@
 /* The contact law:  F = -(f(d) (1 + lambda d') + c d')_+,  f = kappa d^p,  d = u - g2 > 0, mirrored below.
  *
- * A new term is a field of Law, a change under "the terms" and one of their slopes, here and in rhs.c. Then one contact
+ * A new term is a field of Law, a change of the functions under "the terms", and one of their slopes, here and in rhs.c. Then one contact
  * at a node: u = r + s F, u' = w + s' F with F after the law, or with the mean of the elastic force over the step (the
  * discrete gradient). model/contact.py is the same for NumPy and JAX; a test compares the two.
  */
@@ -19,7 +19,7 @@
 typedef int64_t Int;
 
 /* The shape of an array, row by row, for library.py, which reads the structures in these headers: sizes are numbers,
- * fields, and sums of products of these. OR_NULL: an array that may be left out. C has no use for them. */
+ * fields, and sums of products of these. OR_NULL: an array that may be None. C has no use for them. */
 #define SHAPE(...)
 #define OR_NULL(...)
 

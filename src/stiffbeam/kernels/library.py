@@ -49,7 +49,7 @@ def library() -> ctypes.CDLL:
 class Structure:
     """A structure of C, as a header declares it with the shapes of its arrays, see SHAPE in law.h.
 
-    An array that may be left out or have no entries is NULL in C. parts: the structures within it, by type.
+    An array that may be None or have no entries is NULL in C. parts: the structures within it, by type.
     """
 
     def __init__(self, header: str, name: str) -> None:
@@ -94,7 +94,9 @@ class Structure:
         """
         given = list[tuple[str, Any, list[str], Any]]()
         for name, shape, dtype, optional in self.arrays:
-            x = arrays.get(name)
+            if name not in arrays:
+                raise TypeError(f"{name}: an array wanted, or None for none")
+            x = arrays[name]
             if optional and (x is None or not x.size):
                 continue
             given.append((name, x, shape, dtype))

@@ -1,7 +1,7 @@
 /* The march in blocks of K steps of a scheme.
  *
- * A block is one linear map of x: the state and the drive at its start, from a multiple of 8 on the forces that its
- * nodes find. Its linear part costs two products; the forces of the stops are then found node by node, each of which
+ * A block is one linear map of x = (state, drive at its start, forces of its nodes), the forces from a multiple of 8
+ * on. Its linear part costs two products; the forces of the stops are then found node by node, each of which
  * moves what comes after it. `effects` on x give velocities at the ends of steps, where they are asked for.
  */
 #include "march.h"

@@ -21,7 +21,7 @@ AT_A_STOP, WHERE_PREDICTED, WHERE_CLOSED = range(3)  # when a node can press; th
 BLOCK, DRIVE, _RUN, _RIGID = (Structure("march.h", name) for name in ("Block", "Drive", "Run", "Rigid"))
 
 
-def run(block: Any, drive: Any, arrays: Mapping[str, Array], first: int, steps: int, every: int, dt: float) -> bool:
+def run(block: Any, drive: Any, arrays: Mapping[str, Any], first: int, steps: int, every: int, dt: float) -> bool:
     """Compute ``steps`` steps from step ``first`` with a BLOCK, a DRIVE and the arrays of a Run.
 
     Returns True if all are done; where the list of impacts may not hold another block's, False is returned and the call

@@ -196,13 +196,13 @@ class Stepper:
 
 # A propagator, the first of the steps, their number, and where wanted the state (B, D + ...) at the start of each block
 # and the forces (B, N) in it.
-Segment = tuple[Propagator, int, int, Array, Array]
+Part = tuple[Propagator, int, int, Array, Array]
 
 
 class March:
     """A run in progress, of the stepper's system or of another member.
 
-    every: outputs kept, None for none. arrays: those of a Run that last from segment to segment, see march.h.
+    every: outputs kept, None for none. arrays: those of a Run that last from part to part, see march.h.
     """
 
     def __init__(self, stepper: Stepper, system: System, steps: int, every: int | None, since: int = 0) -> None:
@@ -225,19 +225,19 @@ class March:
         self.arrays |= {
             "times": times, "positions": positions, "velocities": velocities, "node_forces": node_forces,
             "contact_forces": contact_forces, "diverged": np.zeros(1, np.int64), "cursor": np.array([0, len(rows)]),
-            # Room for 64 to 1088 impacts; ``_segment`` lengthens the list when it is full.
+            # Room for 64 to 1088 impacts; ``_part`` lengthens the list when it is full.
             "events": np.concatenate([rows, np.empty((64 + min(1024, steps // 16), EVENT))]),
         }  # fmt: skip
 
-    def advance(self, replayed: bool = False) -> Iterator[Segment]:
-        """March to the end by the segments that are yielded; ``replayed``: with what computes them again."""
+    def advance(self, replayed: bool = False) -> Iterator[Part]:
+        """March to the end by the parts that are yielded; ``replayed``: with what computes them again."""
         stepper, scheme = self.stepper, self.stepper.scheme
         history = [self._start]
         # A multistep scheme begins with its starter, step by step; the states are its history, newest first.
         for one in stepper.propagators[:-1]:
             forcing = self.forcing(one)
             for _ in range(min(self.steps, scheme.history - 1)):
-                yield self._segment(one, forcing, 1, replayed)
+                yield self._part(one, forcing, 1, replayed)
                 history.insert(0, one.unpack(self.arrays["z"])[:2])
         if self.done < self.steps:
             block = stepper.block
@@ -246,19 +246,19 @@ class March:
                 t = self.done * stepper.dt
                 self.arrays["z"] = stepper.packed(block, self.system, t, history, self.arrays)
             forcing = self.forcing(block)
-            # States, or sampled loads, of a whole segment are held in memory.
+            # States, or sampled loads, of a whole part are held in memory.
             most = STEPS_PER_CALL
             if replayed or not block.harmonic:
                 most = min(STEPS_REPLAYED, NUMBERS_REPLAYED // len(self.arrays["z"]))
             most = max(1, most // block.steps) * block.steps
             while self.done < self.steps:
-                yield self._segment(block, forcing, min(most, self.steps - self.done), replayed)
+                yield self._part(block, forcing, min(most, self.steps - self.done), replayed)
 
     def forcing(self, block: Propagator) -> Forcing:
         """Response of one of the propagators to the loads and offsets of the system."""
         return block.own_forcing if self._alike else block.forcing(self.system)
 
-    def _segment(self, block: Propagator, forcing: Forcing, steps: int, replayed: bool) -> Segment:
+    def _part(self, block: Propagator, forcing: Forcing, steps: int, replayed: bool) -> Part:
         first, dt, K = self.done, self.stepper.dt, block.steps
         starts_at = (first + K * np.arange(-(-steps // K))) * dt
         rows = len(starts_at) if replayed else 0

@@ -1,4 +1,4 @@
-"""scheme x coordinates x dt -> StepMap, matrices of a step -> Propagator, K steps as the arrays of one linear map.
+"""A scheme's step as matrices, ``StepMap``, and K steps as the arrays of one linear map, ``Propagator``.
 
 Calls with unit states and unit forces give the matrices of a step, in modal or other coordinates. A scheme is a linear
 step, and K steps of it are again one, with K S force nodes. In modal coordinates the homogeneous part is one small
@@ -356,13 +356,13 @@ class Propagator:
         at = lambda entries: np.array([self.push[np.ix_(here, entries[here])].T for here in nodes])  # noqa: E731
         return at(np.arange(self.nodes)), at(self.entries.rates)
 
-    def inflow(self, starts: Array, last: float) -> dict[str, Array]:
+    def inflow(self, starts: Array, last: float) -> dict[str, Array | None]:
         """Share of sampled loads and offsets in the blocks that start at ``starts`` (B,), as arrays of a Run.
 
         No function is asked for times of steps that start after ``last``: a block may run past the end.
         """
         if self.harmonic:
-            return {}
+            return {"inflow": None, "inflow_velocity": None}
         K, B, readers, dt = self.steps, len(starts), self.one.readers, self.one.dt
         begun = np.add.outer(starts, np.arange(K) * dt)[..., None]  # (B, K, 1)
         at_shares = lambda when: np.where(begun > last - 0.5 * dt, last, begun + when * dt)  # noqa: E731

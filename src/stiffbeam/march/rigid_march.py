@@ -138,7 +138,9 @@ class RigidStepper:
             "kinds": np.array(codes),
             "bounds": np.array(bounds),
             "stops": ends,
-        } | ({"blocks": step.transition.transpose(1, 2, 0)} if basis else {"matrix": step.transition[0]})
+            "blocks": step.transition.transpose(1, 2, 0) if basis else np.zeros(0),
+            "matrix": np.zeros(0) if basis else step.transition[0],
+        }
         by_loads = moved[m * S :].reshape(len(moved) - m * S, S * m)
         linear = {name: np.ascontiguousarray(x) for name, x in linear.items()}
         return linear, pushed[m:].reshape(-1, D), by_loads

@@ -36,7 +36,7 @@ class PhaseLag:
     """tau minimising J(tau) = sum_j dt_j (u_run(t_j + tau) - u_ref(t_j))^2, dt_j of t_j as in ``step_lengths``;
     > 0: the run is late.
 
-    residual: sqrt(J(tau)/sum u_ref^2), what is left after the shift.
+    residual: sqrt(J(tau)/sum_j dt_j u_ref(t_j)^2), what is left after the shift.
     lag and residual are NaN where the lag is undefined, and ``undefined`` says why.
     """
 
@@ -105,7 +105,7 @@ def remark(system: System, reference: Reference) -> str:
     return f"No impacts: the motion reaches no stop to t = {reference.t[-1]:g}."
 
 
-SEEN = 0.9  # of the exact impacts: what the times of a run of anyone's must show of them
+SEEN = 0.9  # share of the exact impacts that the times of arrays must show, or these count as thinned
 UNKNOWN = ContactMeasures(-1, -1, np.nan, np.nan, np.nan)
 
 

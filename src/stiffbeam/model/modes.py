@@ -185,8 +185,9 @@ def _complex_modes(system: System) -> Modes:
     kept = np.imag(values) >= 0.0
     values, vectors = values[kept], vectors[:, kept]
     x, y = vectors[:n] / scale[:, None], np.conj(left[n:, kept])
-    # An algorithm errs by eps of the largest eigenvalue in all of them: two of Newton's steps on the stationary form
-    # y^T (lambda^2 + lambda D + Omega^2) x, which is as good as a slow motion is slow; none where it is flat.
+    # The algorithm errs by eps of the largest eigenvalue in all of them, too much for the slow ones. Two of Newton's
+    # steps on y^T (lambda^2 + lambda D + Omega^2) x = 0 give them their digits; none where the slope cancels, as of
+    # eigenvalues that nearly meet.
     a, b, c = (np.sum(y * z, axis=0) for z in (x, damping @ x, basis.omega[:, None] ** 2 * x))
     for _ in range(2):
         slope = 2.0 * a * values + b

@@ -1,4 +1,4 @@
-"""Scales of a system's motion: its speed, and the rate of each mode."""
+"""Scales of a system's motion: its speed, and the rate at which each mode turns."""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
     theta -> (M, C, K, rows, stops, loads, offsets, q0, v0)
 
-A difference of order 8 is taken, at the end of a parameter's range one of order 4, and its distance to one of lower
-order is its bound. Most data are linear or quadratic in a parameter; then both are exact at any width. Only the data
-are differenced, never a motion.
+The derivative is a central difference of order 8, at the end of a parameter's range a one-sided one of order 4; its
+distance to a difference of lower order is its bound. Most data are linear or quadratic in a parameter; then both are
+exact at any width. Only the data are differenced, never a motion.
 """
 
 from __future__ import annotations

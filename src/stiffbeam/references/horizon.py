@@ -57,8 +57,9 @@ def agreement(a: Trajectory, b: Trajectory, tolerance: float) -> float:
 
     u is the position of the tip and, each by itself, of every contact, see ``watched``. Impacts are paired in order,
     see ``impacts_match_until``, and must differ by less than a twentieth of the mean time between those of their
-    contact too. Both must have the same output times, but one may end earlier. max|u| is the smaller of the two: past
-    the horizon, one that has diverged may move further than the system does.
+    contact too; their impulses by less than IMPULSES of the largest. Both must have the same output times, but one may
+    end earlier. max|u| is the smaller of the two: past the horizon, one that has diverged may move further than the
+    system does.
     """
     return agree_until(watched(a), watched(b), tolerance)
 
@@ -131,9 +132,9 @@ def impacts_match_until(
     (t1, stops1), (t2, stops2) = ((x.times[rows], x.stops[rows]) for x, rows in zip((a, b), late, strict=True))
     n = min(len(t1), len(t2))
     bad = (stops1[:n] != stops2[:n]) | (np.abs(t1[:n] - t2[:n]) > tolerance)
-    # Of rigid stops the impulses, too: where the order of two impacts at one time decides, they differ at once.
+    # Impulses too, where both have them: where the order of two impacts at one time decides, they differ at once.
     x, y = (x.impulses[rows][:n] for x, rows in zip((a, b), late, strict=True))
-    bad |= np.abs(x - y) > IMPULSES * np.nanmax(x, initial=0.0)
+    bad |= np.abs(x - y) > IMPULSES * min(np.nanmax(each, initial=0.0) for each in (x, y))
     # Both sequences agree up to the earlier of the first two impacts that do not match.
     if np.any(bad):
         k = int(np.argmax(bad))
@@ -165,7 +166,8 @@ def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Sh
 
     It is the time to which COPIES of the problem, whose numbers are all off by PERTURBATION at most, agree with the
     solution to half the tolerance. No copy shows that a mode counts as free which a stiffness within the rounding of K
-    would hold back: the horizon ends where that reaches the tolerance. Raises SolverFailure where it ends at once.
+    would hold back: the horizon ends where a bound of that reaches the tolerance. Raises SolverFailure where it ends at
+    once between compliant stops.
     """
     motion, scales = reference.solution, watched(reference).scales
     t = np.append(reference.t[:-1:FOURTH], reference.t[-1])
@@ -209,7 +211,8 @@ def copies_agree_until(motion: Motion, t: Array, tolerance: float, scales: Array
             horizon = min(horizon, agreed(copy, horizon))
         except SolverFailure as stopped:
             horizon = float(t[max(0, int(np.searchsorted(t, stopped.t)) - 1)])
-            horizon = min(horizon, agreed(copy, float(np.nextafter(horizon, 0.0))))
+            if horizon > 0.0:  # else it stops before the first output behind the start
+                horizon = min(horizon, agreed(copy, float(np.nextafter(horizon, 0.0))))
     return horizon
 
 
@@ -229,7 +232,7 @@ def _of_free_modes(system: System) -> float:
     """omega^2 t^2/12 of a free motion under a constant force is lost where omega^2 is the rounding of a zero."""
     basis = undamped_modes(system)
     shapes = basis.shapes[:, basis.omega == 0.0]
-    # Under a constant force q = f t^2/2 (1 - omega^2 t^2/12 + ...); a zero of K is known to its rounding.
+    # Under a constant force q = f t^2/2 (1 - omega^2 t^2/12 + ...); a zero of K is known to better than this bound.
     terms = np.sum(np.abs(shapes) * (np.abs(system.stiffness) @ np.abs(shapes)), axis=0)
     largest = float(np.max(rounding_of_zero(terms, system.size), initial=0.0))
     return float(np.sqrt(12.0 * DISPLACEMENT_TOLERANCE / largest)) if largest else np.inf

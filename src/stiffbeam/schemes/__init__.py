@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .first_order import BDF2, Bathe, ExponentialFlow, Theta, Trapezoidal
+from .first_order_form import BDF2, Bathe, ExponentialFlow, Theta, Trapezoidal
 from .newmark import HHT, GeneralisedAlpha, UnweightedHHT
 from .rigid import ContactStabilisedNewmark, MoreauJean, NonsmoothGeneralisedAlpha, PaoliSchatzman, RigidScheme
 from .rigid import takes_stops as takes_stops

@@ -1,4 +1,4 @@
-"""Schemes for rigid stops: in place of a law of force each reaction has a quantity that is complementary to it."""
+"""Schemes for rigid stops: in place of a law of force, 0 <= reaction _|_ x >= 0 with a gap or a velocity x."""
 
 from __future__ import annotations
 

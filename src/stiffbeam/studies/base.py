@@ -414,8 +414,8 @@ TREATMENT = "implicit", "implicit, conserving, or extrapolated as in the paper"
 
 
 def chosen(case: Case, given: Sequence[Any] | None = None) -> dict[str, Integrator]:
-    """Return integrators by label: the given ones, or the case's own schemes and every other registered one that
-    supports its stops and its damping.
+    """Return integrators by label: the given ones, or the case's own schemes and every other registered one whose law
+    of impact fits its stops. Damped stops it may still refuse.
 
     A scheme that the case runs on several forms counts once; ``Theta`` with its default is the trapezoidal rule, which
     stands under that name.

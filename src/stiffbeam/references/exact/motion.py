@@ -69,11 +69,11 @@ def require_short(free: Free, length: float) -> None:
             raise SolverFailure("exact", 0.0, reason, "use the solver cvode")
 
 
-LEFT = 1e-12  # of the distance between a rigid stop and a start, relative: the start is on the stop
+ON_STOP = 1e-12  # relative distance between a rigid stop and a start that counts as on it
 
 
 def on_stops(system: System) -> dict[int, int]:
-    """The contacts on their rigid stops at t = 0, by their sides. Raises InputError for one beyond its stop."""
+    """{contact: side, +-1} of the contacts on rigid stops at t = 0. Raises InputError for one beyond its stop."""
     closed = {}
     for contact, each in enumerate(system.contacts):
         moved = float(evaluate(each.offset, 0.0))
@@ -82,8 +82,8 @@ def on_stops(system: System) -> dict[int, int]:
         whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))
         for side, g in each.stops.sides:
             # Within rounding of its stop a contact is on it, neither off nor beyond.
-            if side * (u - g) >= -LEFT * max(abs(g), abs(moved)):
-                if side * (u - g) > LEFT * max(abs(g), abs(moved), whole):
+            if side * (u - g) >= -ON_STOP * max(abs(g), abs(moved)):
+                if side * (u - g) > ON_STOP * max(abs(g), abs(moved), whole):
                     remedy = "move the stop or the start"
                     raise InputError("initial displacement", u, "lie between rigid stops", remedy)
                 closed[contact] = side
@@ -142,7 +142,9 @@ class Solver:
         if free.kind == 2 and free.coupling == 2:  # without another eigenproblem, which loses eps of the largest pole
             lost = np.max(np.abs(free.poles)) * noise(free.poles)
             lost[:, -len(free.waves) :], lost[1, free.poles[1] == 0.0] = 0.0, 0.0  # drives stay, and real poles real
-            copied = Free(**other | {"poles": free.poles + lost})
+            seen = np.array([other["rows"] @ free.out[0], other["rows"] @ free.out[1]])
+            other |= {"poles": free.poles + lost, "answer": off(free.answer), "seen": seen}
+            copied = Free(**other)
         else:
             drag = off(free.drag)
             other["damping"] = np.diag(drag) if free.coupling < 2 else off(free.damping)

@@ -6,8 +6,8 @@ derivatives are one linear system in every regime.
 
     M q'' = f - C q' - K q + rows^T F,   F = -(kappa (u - g) + c u') of a pressed compliant contact
 
-F of a contact held by a rigid stop keeps u'' = 0. Derivatives of all that is made of a system's numbers are complex
-steps: the imaginary part, over h, of the same formula with numbers off by i h times their own derivatives.
+F of a contact held by a rigid stop keeps u'' = 0. A and all else that is made of the system's numbers x(p) has its
+derivative in p by a complex step: f' = Im f(x + i h x')/h, h = 1e-100.
 
 J is the derivative of what happens at an event. On a compliant stop nothing does, and z' is continuous: dz+ = dz-. At
 the entry into a damped one the force jumps by c u'. On a rigid one with restitution the impulses P solve

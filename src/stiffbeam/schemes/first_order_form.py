@@ -1,5 +1,5 @@
-"""Formulas for y' = A y + B f: theta-method, BDF2, (4.5) and (4.11), Bathe's composite of both, exponential flow; and
-the form of two of them that conserves energy in contact."""
+"""Schemes for y' = A y + B f: theta-method, BDF2, Bathe's composite of both, exponential flow; and the form of two of
+them that conserves energy in contact."""
 
 from __future__ import annotations
 
