@@ -517,7 +517,7 @@ def main() -> None:
         _fail(error, 1)
     except KeyboardInterrupt:
         print(
-            "stiffbeam: interrupted; the same command goes on from the points that a study has finished",
+            "stiffbeam: interrupted; run the same command again",
             file=sys.stderr,
         )
         if stopped:  # at once: worker processes end with this one

@@ -325,7 +325,7 @@ def test_an_interrupted_study_goes_on(number, tmp_path):
     said = child.communicate()[1]
     assert child.returncode == 128 + number
     # Beside it loky may say that it cleans up after the workers.
-    assert "stiffbeam: interrupted; the same command goes on from the points that a study has finished" in told(said)
+    assert "stiffbeam: interrupted; run the same command again" in told(said)
     assert_nobody_left(child.pid)
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("points/*.json")}
     assert len(kept) >= 2

@@ -413,7 +413,9 @@ def test_times_are_those_of_the_case_whatever_the_file_counts_in(unit, read, tmp
     size, rows = columns.UNITS[unit], lines("{t};{f}", T / columns.UNITS[unit])
     for name in (f"time [{unit}]", f"Time ({unit})", f"t / {unit}", f"time_{unit}", f"Zeit in {unit}", f"time, {unit}"):
         for case in ("s", "ms", "h"):
-            np.testing.assert_allclose(read(f"{name};F\n{rows}", unit=case)[0], T / columns.UNITS[case], rtol=1e-14)
+            np.testing.assert_allclose(
+                read(f"{name};F\n{rows}", units=("m", case, "N m"))[0], T / columns.UNITS[case], rtol=1e-14
+            )
         if size == 1.0:
             np.testing.assert_array_equal(read(f"{name};F\n{rows}")[0], T)
         else:
@@ -423,7 +425,7 @@ def test_times_are_those_of_the_case_whatever_the_file_counts_in(unit, read, tmp
         '[[case]]\nname = "c"\ndt = 1.0\nt_end = 10.0\nsystem = { mass = [[1.0]], stiffness = [[1.0]], observe = [1.0]'
         ', units = { time = "ms" }, loads = [{ row = [1.0], sampled = "record.csv" }] }\n'
     )
-    read(f"time [{unit}];F\n{rows}", unit="s")
+    read(f"time [{unit}];F\n{rows}", units=("m", "s", "N"))
     (case,) = sb.load_cases(tmp_path / "c.toml").values()
     np.testing.assert_allclose(case.system().loads[0][1].t, 1000.0 * T, rtol=1e-14)
 
@@ -432,8 +434,9 @@ REFUSED = [  # text, options, words
     *((f"{name},F\n" + lines("{i},{f}"), {}, "have one column of times.*give dt") for name in ("index", "sample", "x")),
     ("sample no,F\n" + lines("{i},{f}"), {}, "have one column of times"), (lines("{i},{f}"), {}, "row numbers.*dt"),
     ("time (fortnights),F\n" + lines("{t},{f}"), {}, "in fortnights.*write one of ns"),
-    ("time step,F\n" + lines("{i},{f}"), {"unit": "s"}, "for times in step where the case counts in s"),
-    ("t [s],F\n" + lines("{t},{f}"), {"unit": "cycles"}, "in s where the case counts in cycles"),
+    ("time step,F\n" + lines("{i},{f}"), {"units": ("m", "s", "N")}, "for times in step where the case counts in s"),
+    ("t [s],F\n" + lines("{t},{f}"), {"units": ("m", "cycles", "N")}, "in s where the case counts in cycles"),
+    ("t;acc (mm/s^2)\n" + lines("{t};{f}"), {"units": ("m", "s", "N")}, "units of the case, m, s, N"),
     (lines("{f},{t}"), {}, "have its times first"), (lines("{i},{t},{f}"), {"column": "b"}, "row numbers"),
     (lines("{f}"), {}, "give dt"), ("t,F\n" + lines("{t},{f}"), {"dt": 0.1}, "dt must be left out"),
     ("t,time\n" + lines("{t},{f}"), {}, "have one column of times"), ("", {}, "two or more lines"),

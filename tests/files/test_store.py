@@ -46,7 +46,7 @@ def system() -> sb.System:
 def results() -> dict:
     """Every kind of result that has files."""
     run = sb.integrate(system(), sb.HHT(-0.1), 1e-4, 0.05)
-    members = sb.varied_members(system(), {"stops[0].stiffness": [5e4, 1e5, 2e5]})
+    members = sb.varied_members(system(), {"stops[0].stiffness": [5e4, 1e5, 2e5], "viscosity": [0.0, 0.1, 0.2]})
     unknown = dataclasses.replace(two_contacts(), observe=None)  # the tip is the first contact
     other = sb.integrate(unknown, sb.HHT(), 1e-3, 0.5)
     free = sb.BeamProblem(stiffness=300.0, base=sb.Harmonic(0.2, 10.0))
@@ -118,9 +118,9 @@ def attribute(result, name):
 def test_every_result_is_the_same_in_every_container(kind, tmp_path):
     result = results()[kind]
     data, many = result.to_xarray(), hasattr(result, "members")
-    parameter = {"stops[0].stiffness"} & set(data.variables)
+    parameter = {"stops[0].stiffness", "viscosity"} & set(data.variables)
     assert set(data.variables) - parameter <= set(BY_NAME)
-    assert len(parameter) == (many and result.members.parameter != "initial data")  # numbers are no values
+    assert len(parameter) == 2 * (many and result.members.parameter != "initial data")  # numbers are no values
     assert {"member" if many else "time", "contact_fraction", "impact_time", "impact_count"} <= set(data.variables)
     assert many or {"tip", "contact_force", "energy_loss"} <= set(data.variables)
     assert data.attrs["Conventions"].startswith("CF-")

@@ -18,7 +18,7 @@ def test_work_of_seconds_shows_itself_now_and_then(colour, monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", colour) if colour else monkeypatch.delenv("FORCE_COLOR", raising=False)
     for asked in (None, True, False):
         with resources.working("counting", asked), resources.working("inside") as show:
-            time.sleep(0.3)
+            time.sleep(0.5)
             show("never", 0, 0)
         said = capsys.readouterr().err
         assert ("counting" in said) == (asked is not False)

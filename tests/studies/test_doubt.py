@@ -195,7 +195,7 @@ def test_matrices_have_no_mesh_and_a_case_without_tolerances_is_refused(tmp_path
     records, result = doubted(case, members=16, uncertain={"stops.stiffness": (9e3, 1.1e4)}, folder=tmp_path)
     assert len(list(tmp_path.iterdir())) == 3  # one for each source, so that an interrupt loses one
     assert set(result("largest force").index) == {"rounding", "scheme", "data"}
-    assert "besides mesh, not known" in records.answer.verdict
+    assert "(mesh not known)" in records.answer.verdict
     assert dominant(result("largest force")) == "data"
     assert "none for impacts" in records.answer.verdict
     assert records.figure().axes[0].get_xlabel()

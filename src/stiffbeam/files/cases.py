@@ -299,8 +299,10 @@ class Entry:
             {path: (float(low), float(high)) for path, (low, high) in self.uncertain.items()}, self.system,
         )  # fmt: skip
         # A path that the case does not have, and an end of a range that no system can have.
-        if case.uncertain:
-            varied_members(case.system(), case.uncertain)
+        try:
+            varied_members(case.system(), case.uncertain) if case.uncertain else None
+        except InputError as error:
+            raise InputError("uncertain", error.value, error.rule, error.remedy) from None
         return case
 
     def _runs(self) -> Iterable[tuple[Scheme, str]]:

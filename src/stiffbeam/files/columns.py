@@ -13,6 +13,7 @@ import pandas
 
 from ..basics.arrays import Array
 from ..basics.storage import regular_text
+from ..basics.text import Units
 from ..basics.validation import InputError, number, positive
 
 MOST_BYTES = 1 << 28  # of a file of columns
@@ -21,6 +22,7 @@ UNITS = {  # in seconds
     **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0), **dict.fromkeys(("min", "minutes"), 60.0),
     **dict.fromkeys(("h", "hours"), 3600.0),
 }  # fmt: skip
+SCALED = {"m", "mm", "cm", "km", "um", "µm", "in", "ft", "deg", "rad", "n", "mn", "kn", "g"}  # units of values
 # Names of the times, in small letters; "min" may be a minimum.
 TIMES = ("t", "time", "timestamp", "zeit", "temps", "tiempo", "tempo", *sorted(UNITS.keys() - {"s", "min", "h"}))
 NAMED_TIME = re.compile(rf"({'|'.join(TIMES)})[\s_]+(?:in\s+)?([^\s\[({{/]\S*)")
@@ -147,7 +149,7 @@ def factor_of(time: Any, unit: str) -> float:
 
 def read_samples(
     file: Path, column: str | None = None, dt: float | None = None, time_factor: float | None = None,
-    start: float | None = None, unit: str = "",
+    start: float | None = None, units: Units = (),
 ) -> tuple[Array, Array]:  # fmt: skip
     """Times and values of a record, see ``read_columns``.
 
@@ -158,16 +160,17 @@ def read_samples(
     dt : float, optional
         Sampling interval of a file without times.
     time_factor : float, optional
-        Factor on the times of the file, by default that from the unit in the name of their column to ``unit``.
+        Factor on the times of the file, by default that from the unit in the name of their column to that of the case.
     start : float, optional
         Time of the first sample; the others move with it.
-    unit : str, optional
-        Unit of time of the case, "" where it has none.
+    units : tuple, optional
+        Units of length, time and force of the case.
 
     Raises
     ------
     InputError
-        For what cannot be read, for columns that are not known to be times and values, and for an unknown unit of time.
+        For what cannot be read, for columns that are not known to be times and values, for an unknown unit of time, and
+        for values in other units than those of the case.
     """
     table = read_columns(file, "sampled")
     names = list(table.columns)
@@ -185,10 +188,14 @@ def read_samples(
     elif others.count(column) != 1:
         remedy = f"the file has {', '.join(map(str, others)) or 'none'}"
         raise InputError("column", column, f"be the name of one column of values in {file}", remedy)
+    scale = re.split(r"[^\w]", bare(column)[1])[0]
+    if units and scale in SCALED and scale not in re.split(r"\W", " ".join(units).lower()):
+        rule = f"be in the units of the case, {', '.join(units)}"
+        raise InputError("column", column, rule, "write its values in these, and these into its name")
     values = table[column].to_numpy(float)
     if time is None:
         return number("start", start or 0.0) + positive("dt", dt) * np.arange(len(values)), values
-    factor = factor_of(time, unit) if time_factor is None else positive("time_factor", time_factor)
+    factor = factor_of(time, units[1] if units else "") if time_factor is None else positive("time_factor", time_factor)
     t = table[time].to_numpy(float) * factor
     t = t if start is None else t - t[0] + number("start", start)
     _warn_of_holes(file, t, values)

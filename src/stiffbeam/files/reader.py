@@ -123,7 +123,7 @@ class Reader:
     has to hold everything itself."""
 
     def __init__(self, folder: Path | None) -> None:
-        self.folder, self.size, self.unit = folder, 0, ""  # of the system that is read: its unknowns, unit of time
+        self.folder, self.size, self.units = folder, 0, ()  # of the system that is read: its unknowns, its units
         self.convert = convert = Converter()
         hooks: dict[Any, Any] = {
             Line: _line, Units: _units, Matrix: self._matrix, Row: self._row,
@@ -154,7 +154,7 @@ class Reader:
         def read(value: Any, _: Any) -> Any:
             units = _table(value, names).get("units")
             if "units" in names:
-                self.unit = (SI_TABLE | units)["time"] if isinstance(units, dict) else ""
+                self.units = tuple((SI_TABLE | units).values()) if isinstance(units, dict) else ()
             return make(value, kind)
 
         return read
@@ -198,7 +198,7 @@ class Reader:
         if isinstance(record.sampled, Points):
             return Sampled(np.array(record.sampled.t), np.array(record.sampled.values), record.kind)
         options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
-        return Sampled(*read_samples(self._beside(record.sampled), **options, unit=self.unit), record.kind)
+        return Sampled(*read_samples(self._beside(record.sampled), **options, units=self.units), record.kind)
 
     def _load(self, value: Any, _: Any) -> Load:
         name = "shape" if "shape" in _kind(value, dict) else "position"

@@ -298,7 +298,9 @@ def _compared(run: Any, reference: Reference) -> Comparison:
     run = run_of(run, reference, "compare")
     system = run.system or reference.system
     if system is None:
-        raise InputError("run", "two loaded files", "leave one trajectory with its system", "integrate again")
+        raise InputError(
+            "run", "two loaded files", "leave one trajectory with its system", "read one with it: sb.load(file, system)"
+        )
     if run.provenance.get("every", 1) != 1:
         raise InputError("every", run.provenance["every"], "be 1 for a comparison", "integrate with every=1")
     t = run.t

@@ -45,7 +45,7 @@ class EnsembleMembers(Sequence[System]):
     parameter : str
         Name of the parameter that differs.
     values : array or sequence
-        One value of the parameter per member.
+        One value of the parameter per member, or a row of those of several parameters.
     systems : sequence of System
         The members.
 
@@ -232,7 +232,8 @@ def varied_members(system: System, parameters: Mapping[str, ArrayLike]) -> Ensem
     afford(name, f"{size} values", "take fewer", floats=20.0 * size * (system.size + 20))  # every member is made here
     rows = zip(*(along.tolist() for along in grid.values()), strict=True)
     members = [with_values(system, dict(zip(grid, row, strict=True))) for row in rows]
-    return EnsembleMembers(system, ", ".join(grid), values, members)
+    several = np.transpose([*grid.values()]) if len(grid) > 1 else values
+    return EnsembleMembers(system, ", ".join(grid), several, members)
 
 
 def with_values(system: System, values: Mapping[str, float]) -> System:

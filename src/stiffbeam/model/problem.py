@@ -13,7 +13,7 @@ from ..basics.arrays import Array
 from ..basics.text import Units
 from ..basics.validation import Frozen, InputError, instance, number, numbers, one_of, positive, sequence, units_labels
 from .contact import Stops
-from .time_functions import LoadFunction, TimeFunction, derivative, time_function
+from .time_functions import LoadFunction, Sampled, TimeFunction, leaves, time_function
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,8 @@ class BeamProblem(Frozen):
         self._check_stops()
         if self.base is not None:
             time_function("base", self.base, moves=True)
-            derivative(self.base, 2)  # it acts by its acceleration, which a polygon does not have
+            if any(isinstance(f, Sampled) and f.degree < 2 for f in leaves(self.base)):
+                raise InputError("base", self.base, "have an acceleration", 'take samples of kind "cubic"')
         rule, remedy = "hold PointLoad and DistributedLoad only", "for example PointLoad(0.5, Constant(1.0))"
         single = isinstance(self.loads, Load)
         vars(self)["loads"] = tuple(

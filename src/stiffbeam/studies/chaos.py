@@ -128,7 +128,7 @@ class Chaos(Study):
         if not means:
             return Answer(f"Fewer than {SURE} pairs could be followed long enough.")
         if not known:
-            reason = "most pairs do not diverge or approach threefold in the second half of the span"
+            reason = "in the second half of the span the distance of most pairs changes by less than a factor of 3"
             return Answer(f"No exponential change of the distance is seen for {', '.join(means)}: {reason}.")
         cells = {x: "not exponential" if x in means else f"fewer than {SURE} pairs" for x in table.method.unique()}
         cells |= {method: f"{mean:.3g} ± {interval:.2g}" for method, (mean, interval) in known.items()}

@@ -158,8 +158,8 @@ class Doubt(Study):
         some = lambda names: ", ".join(names) if len(names) <= NAMED else f"{len(names)} of {len(small)} quantities"  # noqa: E731
         sources = "; ".join(f"{source} for {some(quantities)}" for source, quantities in named.items())
         table = pd.DataFrame(small)[["95 % intervals", "mean", "largest", *there]]
-        besides = f" besides {missing}, not known" * bool(missing)
-        return Answer(f"Largest source of uncertainty{besides}: {sources}.", table, notes)
+        known = f"known source of uncertainty ({missing} not known)" if missing else "source of uncertainty"
+        return Answer(f"Largest {known}: {sources}.", table, notes)
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """A line for each quantity, a marker with its interval for each source."""

@@ -154,7 +154,7 @@ class Ensemble(Study):
             "the means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of "
             f"the loads{over}; – where dt does not resolve the dissipation of dampers, or where almost no energy is "
             "supplied. The largest force grows with the span. Half of the contacts last longer than the median "
-            "duration; half of the time in contact is spent in those that last longer than the half-time duration.",
+            "duration. Contacts longer than the half-time duration make up half of the time in contact.",
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:

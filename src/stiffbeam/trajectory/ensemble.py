@@ -125,9 +125,9 @@ class Ensemble(Saved):
 
     @property
     def values(self) -> Array | None:
-        """(M,), the value of ``members.parameter`` in every member; None where it is no number."""
+        """(M,), the value of ``members.parameter`` in every member, (M, p) of several; None where it is no number."""
         values = np.asarray(self.members.values, object)
-        numeric = values.ndim == 1 and all(isinstance(x, (int, float, np.number)) for x in values.tolist())
+        numeric = all(isinstance(x, (int, float, np.number)) for x in values.ravel().tolist())
         return values.astype(float) if numeric else None
 
     kind = "ensemble"  # in files

@@ -109,7 +109,9 @@ def values_of(result: Any, x: Any = None) -> Values:
             values["impact_member"] = (("impact",), np.concatenate(each))
         # A varied number is a coordinate by its path.
         if result.values is not None and result.members.parameter not in (STARTS, SYSTEMS):
-            values[parameter_name(result.members.parameter)] = (member, result.values)
+            columns, paths = np.atleast_2d(result.values.T), [result.members.parameter]
+            for path, x in zip(paths if len(columns) == 1 else paths[0].split(", "), columns, strict=True):
+                values[parameter_name(path)] = (member, x)
     return values
 
 
