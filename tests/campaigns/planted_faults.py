@@ -111,7 +111,7 @@ FAULTS = [
     ("march", "model/members.py", "others != functions or ", ""),
     ("schemes", "model/equations.py", "(Q[..., 0], force1 - force0)", "(Q[..., 0], force1)"),
     ("model", "model/time_functions.py", "function.frequency, function.phase + np.pi / 2)", "function.frequency, function.phase - np.pi / 2)"),
-    ("model", "model/time_functions.py", "(number(\"Superposition.terms\", factor) * inner, leaf)", "(inner, leaf)"),
+    ("model", "model/time_functions.py", "number(\"Superposition.terms\", factor) * inner), leaf)", "inner), leaf)"),
     ("model", "model/time_functions.py", "f.amplitude * math.cos(f.phase)", "f.amplitude * math.sin(f.phase)"),
     ("references", "references/horizon.py", "float(min(a.t[-1], b.t[-1]))", "float(a.t[-1])"),
     ("references", "references/exact/tangent.py", "for k in range(last - 1, first - 1, -1):", "for k in range(last - 1, first, -1):"),

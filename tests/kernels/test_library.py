@@ -38,13 +38,6 @@ def test_a_kernel_refuses_arrays_that_do_not_fit_each_other():
         states(*(np.zeros((1, 1)),) * 3, np.zeros((2, 1)), 1, np.zeros(4))
 
 
-def test_read_only_arrays_have_an_address():
-    x = np.ones(3)
-    same = address(x, (3,))
-    x.setflags(write=False)
-    assert address(x, (3,)) == same
-
-
 def test_a_library_has_the_name_of_its_sources(tmp_path, monkeypatch):
     for file in compilation.sources():
         (tmp_path / file.name).write_bytes(file.read_bytes())

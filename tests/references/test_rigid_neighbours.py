@@ -36,6 +36,11 @@ def test_two_impacts_at_one_time_have_no_neighbours():
                 sb.lyapunov(system, 5.0)
         else:
             assert np.all(np.isfinite(sb.lyapunov(system, 5.0).log_growth))
+    # A stop that moves hits one of two contacts at the start: the order of the blows decides.
+    pair, given = sb.Contact([1.0, -1.0], sb.Stops(upper=0.0, stiffness=np.inf, restitution=0.5)), np.full(2, 0.3)
+    hit = sb.Contact([-1.0, 0.0], sb.Stops(upper=-0.3, stiffness=np.inf, restitution=0.5), sb.Harmonic(1.0, 1.0))
+    pushed = sb.System.from_matrices(np.eye(2), np.eye(2), contacts=[hit, pair], initial_displacement=given)
+    assert sb.reference(pushed, 0.5).horizon == 0.0
 
 
 @pytest.mark.slow
@@ -63,6 +68,8 @@ def test_a_stop_that_moves_by_a_record_pushes_a_mass_along():
     run = sb.reference(one_mass(1.0, stops, offset=sb.Sampled(t, 0.3 * t**2, kind="cubic")), 3.0)
     assert run.contacts[0].fraction > 0.0  # once the impacts are over
     assert abs(run.energy.loss[-1]) < 1e-12
+    riding = one_mass(1.0, stops, offset=sb.Sampled(t, 0.2 + 0.1 * np.sin(3.0 * t), kind="cubic"))
+    assert sb.reference(riding, 1.0).horizon == 1.0  # so do copies, whose stops start where their contacts do
 
 
 # Two contacts that share mass throw each other off in turns without end: the turns come to rest, or go on for ever.

@@ -333,7 +333,7 @@ class Superposition(Derivable):
                 raise InputError("Superposition.terms", pair, rule, remedy)
         # A sum in a sum is flattened, the factors multiplied.
         vars(self)["terms"] = tuple(
-            (number("Superposition.terms", factor) * inner, leaf)
+            (number("Superposition.terms", number("Superposition.terms", factor) * inner), leaf)
             for factor, f in pairs
             for inner, leaf in parts(time_function("Superposition", f, moves=True))
         )

@@ -131,7 +131,8 @@ class Solver:
         other["laws"][:, 2] = free.laws[:, 2]  # restitution 1 is another law than anything below
         twin.eta, twin.rate = off(self.eta), off(self.rate)
         if self.system.rigid:
-            twin.together, other["rows"] = 0.0, free.rows  # contacts that do not move each other stay so
+            # Contacts that do not move each other stay so, and stops move as they do.
+            twin.together, other["rows"], other["pieces"] = 0.0, free.rows, free.pieces
             # Bodies without a force have none: pushed off their stops by rounding they would bounce for ever.
             forces = free.loads @ free.into.T
             other["loads"] = free.loads + (off(forces) - forces + lost) @ free.X
@@ -160,7 +161,10 @@ class Solver:
         """
         closed, v0, rows, contacts = self.closed, self.system.v0, self.free.rows, self.system.contacts
         still = [i for i in closed if contacts[i].offset is None and not np.any(contacts[i].row * v0)]
-        hit = any(side * float(contacts[i].row @ v0) > 0.0 for i, side in closed.items() if i not in still)
+        speeds = {
+            i: side * float(contacts[i].row @ v0 + evaluate(contacts[i].offset, 0.0, 1)) for i, side in closed.items()
+        }
+        hit = any(speed > 0.0 for i, speed in speeds.items() if i not in still)
         loose = [i for i in closed if (hit and len(closed) > 1) or (i in still and not self._pressed_at_start[i])]
         reach, off = np.abs(twin.eta) + np.abs(twin.rate) / self.fastest, np.zeros(len(rows))
         rounding = 4.0 * EPS * np.abs(rows) @ (reach + EPS * np.max(reach, initial=0.0))
