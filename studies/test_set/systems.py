@@ -10,6 +10,7 @@ import numpy as np
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import as_doubles
+from stiffbeam.model.time_functions import parts
 
 INF = float("inf")  # the stiffness of a rigid stop
 
@@ -27,12 +28,12 @@ def drive(amplitude: float, frequency: float, phase: float) -> list[dict[str, An
 
 def table_of(system: sb.System) -> dict[str, Any]:
     """A System as the [system] of a file, its matrices by bands."""
-    waves = {"amplitude": "amplitude", "frequency": "frequency", "phase": "phase"}
 
-    def wave(f: Any) -> dict[str, float]:
+    def wave(function: Any) -> dict[str, float]:
+        ((factor, f),) = parts(function)
         if isinstance(f, sb.Constant):
-            return {"constant": float(f.value(0.0))}
-        return {key: float(getattr(f, name)) for key, name in waves.items()}
+            return {"constant": factor * f.level}
+        return {"amplitude": factor * f.amplitude, "frequency": float(f.frequency), "phase": float(f.phase)}
 
     def bands(A: np.ndarray) -> dict[str, Any]:
         width = max(abs(i - j) for i, j in zip(*np.nonzero(A), strict=True))

@@ -80,7 +80,7 @@ COMPARED_RIGID = ("exact",)  # on rigid stops, which no other takes
 
 def method_of(name: str, field: str = "method") -> Method:
     """Return the method of this name; for another raise InputError under the name ``field``, with those there are."""
-    return REFERENCES[one_of(field, name, METHODS, "be a reference method")]
+    return REFERENCES[one_of(field, name, REFERENCES, "be a reference method")]
 
 
 # ---------------------------------------------------------------- what a solver is asked
