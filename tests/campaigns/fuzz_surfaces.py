@@ -17,7 +17,7 @@ import stiffbeam as sb
 from stiffbeam.basics.text import shown
 from stiffbeam.measures.amplification import Amplification
 from stiffbeam.model.members import EnsembleMembers
-from stiffbeam.references import METHODS
+from stiffbeam.references import REFERENCES
 from stiffbeam.references.horizon import PerturbationGrowth
 from stiffbeam.trajectory.ensemble import Ensemble
 
@@ -152,9 +152,9 @@ FUNCTIONS = [
     *(Surface(f"reference {method}", functools.partial(sb.reference, method=method),
               {"system": mass(), "t_end": 0.5, "t_eval": [0.0, 0.1, 0.5], "rtol": 1e-7, "atol": 1e-9, "digits": "auto",
                "breakpoints": (0.2,), "max_step": 0.1}, 1 if "kvaerno" in method else 3)
-      for method in METHODS),
+      for method in REFERENCES),
     *(Surface(f"reference {method}, few arguments", functools.partial(sb.reference, method=method),
-              {"system": beam(), "t_end": 0.02}, 1 if "kvaerno" in method else 2) for method in METHODS),
+              {"system": beam(), "t_end": 0.02}, 1 if "kvaerno" in method else 2) for method in REFERENCES),
     Surface("reference", sb.reference, {"system": mass(), "t_end": 0.5, "method": "exact"}),
     Surface("cached_reference", sb.cached_reference,
             {"system": mass(), "t_end": 0.5, "method": "cvode", "t_eval": [0.0, 0.1, 0.5], "rtol": 1e-7}),

@@ -1,8 +1,8 @@
 /* The contact law:  F = -(f(d) (1 + lambda d') + c d')_+,  f = kappa d^p,  d = u - g2 > 0, mirrored below.
  *
- * A new term is a field of Law, a change of the functions under "the terms", and one of their slopes, here and in rhs.c. Then one contact
- * at a node: u = r + s F, u' = w + s' F with F after the law, or with the mean of the elastic force over the step (the
- * discrete gradient). model/contact.py is the same for NumPy and JAX; a test compares the two.
+ * A new term is a field of Law, a change of the functions under "the terms", and one of their slopes, here and in rhs.c.
+ * Then one contact at a node: u = r + s F, u' = w + s' F with F after the law, or with the mean of the elastic force over
+ * the step (the discrete gradient). model/contact.py is the same for NumPy and JAX; a test compares the two.
  */
 #ifndef STIFFBEAM_LAW_H
 #define STIFFBEAM_LAW_H

@@ -14,19 +14,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.resources import OutOfTime, Show, clock, deadline, working
 from ..basics.validation import InputError, numbers, positive
-from .registry import (
-    ADAPTIVE,
-    BEST,
-    EXACT,
-    METHODS,
-    MULTIPRECISION,
-    REFERENCES,
-    RTOL,
-    Request,
-    filled,
-    method_of,
-    output_times,
-)
+from .registry import ADAPTIVE, BEST, EXACT, MULTIPRECISION, REFERENCES, RTOL, Request, filled, method_of, output_times
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -35,7 +23,7 @@ if TYPE_CHECKING:
     from ..trajectory.trajectory import Reference
 
 
-__all__ = ["METHODS", "REFERENCES", "best_reference", "reference", "solve", "substitute", "takes"]
+__all__ = ["REFERENCES", "best_reference", "reference", "solve", "substitute", "takes"]
 
 # The first solution takes one part of so many of a budget. An adaptive one, which ends where its part does, leaves the
 # other to a second opinion; one to be solved again to its end leaves more, and an exact one eight copies.
@@ -148,7 +136,7 @@ def reference(
         solution = within(passes, request)
         if math.isnan(solution.horizon):  # not confirmed by more digits
             solution = with_horizon(solution, request, partial(within, 1.0), show)
-        return solution if times is None else _thinned(solution, times, seconds)
+        return solution if times is None or len(times) == len(solution.t) else _thinned(solution, times, seconds)
 
 
 def _until(t: float, request: Request, seconds: float) -> Request:

@@ -70,7 +70,6 @@ REFERENCES = {
         Method("lsoda", "adaptive.scipy", "LSODA", 9, libraries=_SCIPY, solver="LSODA"),
     )
 }
-METHODS = tuple(REFERENCES)
 RTOL = 1e-10  # of an adaptive reference by default
 BEST = ("exact", "cvode-adams", "dop853")  # the first that takes a system is the best reference of it
 COMPARED = ("exact", "cvode-adams", "cvode", "ida", "kvaerno5")  # references of a comparison by default
