@@ -6,7 +6,6 @@ Two files of one room may name each other's classes in annotations; nothing else
 from __future__ import annotations
 
 import ast
-import dataclasses
 import re
 import subprocess
 import sys
@@ -18,7 +17,7 @@ from pathlib import Path
 import pytest
 
 import stiffbeam
-from stiffbeam.references import REFERENCES, registry, solve
+from stiffbeam.references import REFERENCES
 from stiffbeam.references.registry import ADAPTIVE, EXACT, MULTIPRECISION
 
 PACKAGE = Path(stiffbeam.__file__).parent

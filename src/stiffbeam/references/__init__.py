@@ -40,7 +40,6 @@ def reference(
     atol: float | None = None,
     digits: int | str = "auto",
     breakpoints: ArrayLike = (),
-    max_step: float | None = None,
     progress: bool | Show | None = None,
     seconds: float | None = None,
 ) -> Reference:
@@ -67,8 +66,6 @@ def reference(
         Times where a load or an offset is not smooth, for adaptive solvers, besides those that a function of time
         states itself (its attribute ``breakpoints``). Limitation: a function in Python is seen only at the steps, of
         which there are at least 200. Give breakpoints where a shorter feature begins and ends.
-    max_step : float, optional
-        The longest step of an adaptive solver, by default what the functions of time allow.
     progress : bool or callable
         None shows a bar after 3 s, True at once, False nothing. A function is called as show(what, done, total) with
         the share that is done of the reference itself and of the solutions its horizon is measured with.
@@ -98,7 +95,7 @@ def reference(
     from .horizon import with_horizon
 
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
-    request = _checked(Request(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step))
+    request = _checked(Request(system, t_end, method, times, rtol, atol, digits, breakpoints))
     if times is not None:
         times = output_times(times, request.t_end)
         # The horizon holds between outputs, too: it is measured at no fewer times than by default.
@@ -226,19 +223,16 @@ def _checked(request: Request) -> Request:
     from ..model.system import require_system
     from ..model.time_functions import times_of
 
-    method, longest, breaks = request.method, request.max_step, times_of("breakpoints", request.breakpoints)
+    method, breaks = request.method, times_of("breakpoints", request.breakpoints)
     require_system(request.system)
     adaptive, t_end = method_of(method).kind == ADAPTIVE, positive("t_end", request.t_end)
-    if longest is not None:
-        positive("max_step", longest)
     if adaptive:
         if not 1e-150 <= t_end <= 1e150:
             raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
         for contact in request.system.contacts:
             contact.stops.require_compliant(f"the adaptive solver {method}", "use the method exact, or a large one")
-    elif longest is not None or len(breaks):
-        field, given = ("breakpoints", breaks) if longest is None else ("max_step", longest)
-        raise InputError(field, given, f"be left out for {method}", "it has no steps to bound")
+    elif len(breaks):
+        raise InputError("breakpoints", breaks, f"be left out for {method}", "its functions of time have their own")
     return request._replace(t_end=t_end, breakpoints=breaks)
 
 

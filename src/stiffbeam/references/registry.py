@@ -83,8 +83,8 @@ class Request(NamedTuple):
     """The solution of ``system`` on [0, t_end] by ``method``, output at t_eval (k,), None for 2001 times.
 
     Those below are for the adaptive solvers, but for digits, a number or "auto", of multiprecision. atol: None for
-    rtol/100 of the scale of every unknown. breakpoints: times of a restart. max_step: longest step, None for what the
-    functions of time require. second: a second opinion, with shorter steps that lie at other times.
+    rtol/100 of the scale of every unknown. breakpoints: times of a restart. second: a second opinion,
+    with shorter steps that lie at other times.
     """
 
     system: System
@@ -95,7 +95,6 @@ class Request(NamedTuple):
     atol: float | None = None
     digits: int | str = "auto"
     breakpoints: ArrayLike = ()
-    max_step: float | None = None
     second: bool = False
 
 
