@@ -315,7 +315,7 @@ def assert_nobody_left(leader: int) -> None:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_an_interrupted_study_goes_on(number, tmp_path):
     """What was finished is kept, no process is left, and the same command ends as without the signal."""
-    options = ["--count", "40", "--jobs", "2", "--out", str(tmp_path)]
+    options = ["--values", "7:13:40", "--jobs", "2", "--out", str(tmp_path)]
     words = [sys.executable, "-m", "stiffbeam", "sweep", "table10", *options]
     child = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True)
     end = time.monotonic() + 200

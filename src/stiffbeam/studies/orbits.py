@@ -49,8 +49,8 @@ Branch = list[tuple[float, Orbit]]
 class Orbits(Study):
     """Which periodic orbits are there over a parameter, stable or not, and where do they change?
 
-    The ``values`` of ``parameter`` are in the units of the case; by default they are ``count`` drive frequencies from
-    0.7 to 1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic.
+    The ``values`` of ``parameter`` are in the units of the case; by default they are 40 drive frequencies from 0.7 to
+    1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic.
     Limitation: a branch ends where it turns back, at a fold.
     """
 
@@ -60,17 +60,15 @@ class Orbits(Study):
     values: base.Values = option(None, base.VALUES)
     length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)
     form: str | None = option(*base.FORM)
-    count: int = option(40, "number of drive frequencies if no values are given", least=1)
 
     height: ClassVar = 8.8
 
     def points(self, case: Case) -> list[Row]:
         """The branch."""
-        period = drive_period(case.system(self.form), self.parameter)
+        period = drive_period(case.system(self.form))
         if period is None:
-            remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
-            raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
-        along = values_of(self.parameter, self.values, self.count, period)
+            raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", "use one Harmonic")
+        along = values_of(self.parameter, self.values, 40, period)
         if min(along) == max(along):
             raise InputError("values", along, "span a range", "for example 8:14:60")
         limits = [min(along), max(along)]
