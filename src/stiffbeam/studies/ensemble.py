@@ -95,61 +95,48 @@ class Ensemble(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Impacts, time in contact, forces and energy of every method at each contact, against the exact ensemble."""
-        numbers = sorted(table.contact_number.dropna().unique())
-        answers = [self._of_contact(table[table.contact_number == n], case) for n in numbers]
-        if not len(answers[0].table):
-            return answers[0]
-        said = [each.verdict for each in answers]
-        if len(answers) > 1:
-            said = [f"at contact {n:g} {each}" for n, each in zip(numbers, said, strict=True)]
-        count = len(distribution(table[(table.method == "exact") & (table.contact_number == numbers[0])], "count"))
-        verdict = (
-            f"Over {count} members to t = {case.t_end:g} the exact solution has {'; '.join(said)}; dt = {case.dt:g}."
-        )
-        if len(answers) == 1:
-            return answers[0]._replace(verdict=verdict)
-        parts = [each.table.assign(at=f"  contact {n:g}") for n, each in zip(numbers, answers, strict=True)]
-        small, rows = pd.concat(parts).fillna(DASH), list[Row]()
-        of_run = [head for head in small if "lost" in head]
-        for _, one in small.groupby("method", sort=False):  # energies are of the run, the rest of its contacts
-            rows.append(one[["method", *of_run]].iloc[0].to_dict())
-            rows += one.drop(columns=["method", *of_run]).rename(columns={"at": "method"}).to_dict("records")
-        return Answer(verdict, pd.DataFrame(rows, columns=small.columns.drop("at")).fillna(""), answers[0].notes)
-
-    def _of_contact(self, table: Table, case: Case) -> Answer:
-        exact, units = distribution(table[table.method == "exact"], "count"), case.units
-        if not len(exact):
-            return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
-        small, means = list[Row](), dict[str, float]()
-        for method, rows in table.groupby("method", sort=False):
-            count, share, force, lost, had = (
-                distribution(rows, name) for name in ("count", "fraction", "peak_force", "energy_lost", "energy_had")
+        units, several, small, said = case.units, table.contact_number.nunique() > 1, list[Row](), list[str]()
+        for number, at in table.groupby("contact_number"):
+            true, means, place = (
+                at[at.method == "exact"],
+                dict[str, float](),
+                f" at contact {number:g}" if several else "",
             )
-            if len(lost) and np.max(np.abs(lost)) <= ROUNDING * np.mean(had):
-                lost = 0.0 * lost
-            if not len(count):
-                continue
-            off, interval = difference(count, exact)
-            if method != "exact":
-                means[str(method)] = float(np.mean(count))
-            line = {
-                "method": short(str(method)), "impacts": _spread(count),
-                "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
-                "contact, %": _spread(100 * share, 2),
-                with_unit(units, "largest force", "force"): _spread(force, 4),
-                with_unit(units, "energy lost", "energy"): _spread(lost),
-                "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) else DASH,
-            }  # fmt: skip
-            for _, row in rows[rows.kind == "summary"].iterrows():
-                line[with_unit(units, "median duration", "time")] = f"{row['median']:.2g}"
-                line[with_unit(units, "half-time duration", "time")] = f"{row['half_time']:.2g}"
-            small.append(line)
-        counted = f", schemes count {extremes(means, '{:.4g}'.format)}" if means else ""
+            exact = distribution(true, "count")
+            if not len(exact):
+                return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
+            for method, rows in at.groupby("method", sort=False):
+                count, share, force, lost, had = (
+                    distribution(rows, name)
+                    for name in ("count", "fraction", "peak_force", "energy_lost", "energy_had")
+                )
+                if not len(count):
+                    continue
+                if len(lost) and np.max(np.abs(lost)) <= ROUNDING * np.mean(had):
+                    lost = 0.0 * lost
+                means |= {str(method): float(np.mean(count))} if method != "exact" else {}
+                off, interval = difference(count, exact)
+                line = {
+                    "method": short(str(method)) + place, "impacts": _spread(count),
+                    "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
+                    "contact, %": _spread(100 * share, 2),
+                    with_unit(units, "largest force", "force"): _spread(force, 4),
+                    with_unit(units, "energy lost", "energy"): _spread(lost),
+                    "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) else DASH,
+                }  # fmt: skip
+                for _, row in rows[rows.kind == "summary"].iterrows():
+                    line[with_unit(units, "median duration", "time")] = f"{row['median']:.2g}"
+                    line[with_unit(units, "half-time duration", "time")] = f"{row['half_time']:.2g}"
+                small.append(line)
+            share = percent(float(np.mean(distribution(true, "fraction"))))
+            counted = f", schemes count {extremes(means, '{:.4g}'.format)}" if means else ""
+            said.append(
+                f"{np.mean(exact):.4g} ± {np.std(exact):.2g} impacts{place}, in contact {share} of the time{counted}"
+            )
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
-        share = percent(float(np.mean(distribution(table[table.method == "exact"], "fraction"))))
         return Answer(
-            f"{np.mean(exact):.4g} ± {np.std(exact):.2g} impacts and is in contact {share} of the time{counted}",
-            pd.DataFrame(small),
+            f"Over {len(exact)} members to t = {case.t_end:g} the exact solution has {'; '.join(said)}; dt = {case.dt:g}.",
+            pd.DataFrame(small).fillna(DASH),
             f"Members perturbed by {self.size:g}, dt = {case.dt:g}: mean ± standard deviation. Off by: difference of "
             "the means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of "
             f"the loads{over}; – where dt does not resolve the dissipation of dampers, or where almost no energy is "
