@@ -18,7 +18,7 @@ from scipy.stats import ttest_ind
 
 from ..basics.arrays import Array
 from ..basics.text import with_unit
-from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, say_empty, shared_legend, short
+from ..figures.chart import Figure, lines, log_scale, look, name_lines, say_empty, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.comparison import lost_fractions
@@ -96,6 +96,7 @@ class Ensemble(Study):
     def answer(self, table: Table, case: Case) -> Answer:
         """Impacts, time in contact, forces and energy of every method at each contact, against the exact ensemble."""
         units, several, small, said = case.units, table.contact_number.nunique() > 1, list[Row](), list[str]()
+        exact = np.zeros(0)
         for number, at in table.groupby("contact_number"):
             true, means, place = (
                 at[at.method == "exact"],
@@ -106,10 +107,8 @@ class Ensemble(Study):
             if not len(exact):
                 return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
             for method, rows in at.groupby("method", sort=False):
-                count, share, force, lost, had = (
-                    distribution(rows, name)
-                    for name in ("count", "fraction", "peak_force", "energy_lost", "energy_had")
-                )
+                names = "count", "fraction", "peak_force", "energy_lost", "energy_had"
+                count, share, force, lost, had = (distribution(rows, name) for name in names)
                 if not len(count):
                     continue
                 if len(lost) and np.max(np.abs(lost)) <= ROUNDING * np.mean(had):
@@ -129,13 +128,11 @@ class Ensemble(Study):
                     line[with_unit(units, "half-time duration", "time")] = f"{row['half_time']:.2g}"
                 small.append(line)
             share = percent(float(np.mean(distribution(true, "fraction"))))
-            counted = f", schemes count {extremes(means, '{:.4g}'.format)}" if means else ""
-            said.append(
-                f"{np.mean(exact):.4g} ± {np.std(exact):.2g} impacts{place}, in contact {share} of the time{counted}"
-            )
+            said.append(f"{np.mean(exact):.4g} ± {np.std(exact):.2g} impacts{place}, in contact {share} of the time")
+            said[-1] += f", schemes count {extremes(means, '{:.4g}'.format)}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
         return Answer(
-            f"Over {len(exact)} members to t = {case.t_end:g} the exact solution has {'; '.join(said)}; dt = {case.dt:g}.",
+            f"Over {len(exact)} members to t = {case.t_end:g} the exact solution has {'; '.join(said)}.",
             pd.DataFrame(small).fillna(DASH),
             f"Members perturbed by {self.size:g}, dt = {case.dt:g}: mean ± standard deviation. Off by: difference of "
             "the means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of "
@@ -147,24 +144,24 @@ class Ensemble(Study):
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Every member a dot in the line of its method and contact, the mean as a bar; distributions."""
         labels, several = table.attrs["labels"], table.contact_number.nunique() > 1
-        groups = [
-            (str(method), f" at contact {n:g}" if several else "", rows)
-            for (method, n), rows in table.groupby(["method", "contact_number"], sort=False)
-        ]
+        groups = list(table.groupby(["method", "contact_number"], sort=False))
         figure.set_figheight(max(8.6, 3.9 + 0.35 * len(groups)))
-        grid = figure.add_gridspec(2, 6)
-        end = f"{case.t_end:g}"
-        panels = [("count", 1.0, "impacts, member by member"), ("fraction", 100.0, "time in contact"),
+        grid, axis, jitter = figure.add_gridspec(2, 6), None, np.random.default_rng(0)
+        panels = [("count", 1.0, f"impacts to t = {case.t_end:g}"), ("fraction", 100.0, "time in contact"),
                   ("energy_lost", 1.0, f"energy lost, {min(LEDGERS, self.members)} members")]  # fmt: skip
-        axis = None
         for i, (name, scale, title) in enumerate(panels):
             axis = figure.add_subplot(grid[0, 2 * i : 2 * i + 2], sharey=axis)
-            _dots(axis, groups, name, scale)
+            for k, ((method, _), rows) in enumerate(groups):
+                values, colour = scale * distribution(rows, name), look(method)["color"]
+                axis.plot(values, k + jitter.uniform(-0.28, 0.28, len(values)), ".", ms=3, color=colour, alpha=0.45)
+                if len(values):
+                    axis.plot([np.mean(values)] * 2, [k - 0.38, k + 0.38], color=colour, lw=2.2)
+                if len(values) and method == "exact":
+                    axis.axvline(float(np.mean(values)), color="black", lw=0.9, ls=":")
+            name_lines(axis, [short(method) + (f" at contact {n:g}" if several else "") for (method, n), _ in groups])
             if name not in table or not table[name].notna().any():
                 axis.text(0.5, 0.5, "not known", transform=axis.transAxes, ha="center")
-            span = "" if name == "fraction" else f" to t = {end}"
-            text, quantity = self.labels[name]
-            axis.set(title=title, xlabel=with_unit(case.units, text + span, quantity))
+            axis.set(title=title, xlabel=labels[name])
             axis.tick_params(labelleft=not i)
             axis.locator_params(axis="x", nbins=4)
         for i, (name, title) in enumerate((("force", "peak forces of impacts"), ("duration", "durations of contacts"))):
@@ -222,19 +219,3 @@ def _spread(values: Array, digits: int = 3) -> str:
         return DASH
     mean, deviation = float(f"{np.mean(values):.{digits}g}"), float(f"{np.std(values):.2g}")
     return f"{mean:g} ± {deviation:g}" if deviation > 1e-6 * abs(mean) else f"all {mean:g}"
-
-
-def _dots(axis: Axes, groups: list[tuple[str, str, Table]], quantity: str, scale: float) -> None:
-    """Every member as a dot in its line, the mean as a bar, the exact mean right through."""
-    jitter = np.random.default_rng(0)
-    for i, (method, _, rows) in enumerate(groups):
-        values, colour = scale * distribution(rows, quantity), look(method)["color"]
-        if len(values):
-            heights, mean = i + jitter.uniform(-0.28, 0.28, len(values)), float(np.mean(values))
-            axis.plot(values, heights, ".", ms=3, color=colour, alpha=0.45)
-            axis.plot([mean, mean], [i - 0.38, i + 0.38], color=colour, lw=2.2)
-            if method == "exact":
-                axis.axvline(mean, color="black", lw=0.9, ls=":")
-    if quantity == "energy_lost":
-        axis.axvline(0.0, color="black", lw=0.9, ls=":")
-    name_lines(axis, [short(method) + place for method, place, _ in groups])

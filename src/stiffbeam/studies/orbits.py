@@ -104,17 +104,12 @@ class Orbits(Study):
         ends = [row["reason"] for row in _of_kind(table, "end")]
         if not orbits:
             return Answer(f"No orbit was found: {'; '.join(ends)}.")
-        name = self.parameter
-
-        def value(row: Row, digits: int) -> str:
-            return f"{row[name]:.{digits if row['located'] else 4}g}"
-
-        small = [{"bifurcation": row["what"], name: value(row, 10), "orbits": _said(row)} for row in changes]
-        said = "; ".join(
-            f"{row['what']} {'at' if row['located'] else 'near'} {value(row, 6)}: {_said(row)}"
-            for row in changes[:TOLD]
-        )
-        said += f"; {len(changes) - TOLD} more changes" if len(changes) > TOLD else ""
+        name, small = self.parameter, list[Row]()
+        for row in changes:
+            place = f"at {row[name]:.6g}" if row["located"] else f"near {row[name]:.4g}"
+            small.append({"bifurcation": row["what"], name: place, "orbits": row["sides"]})
+        said = "; ".join(f"{row['bifurcation']} {row[name]}: {row['orbits']}" for row in small[:TOLD])
+        said += f"; {len(small) - TOLD} more changes" if len(small) > TOLD else ""
         low, high = (pick(row[name] for row in orbits) for pick in (min, max))
         return Answer(
             f"Orbits of {several(self.length, 'period')} over {name} {low:g} to {high:g}: "
@@ -235,8 +230,9 @@ def _changes(make: Maker, branch: Branch) -> Iterator[tuple[float, Row]]:
         m = complex(known[value].multipliers[k])
         kind = "torus" if abs(m.imag) > 1e-6 else "flip" if m.real < 0.0 else "branching"
         kind = kind if abs(abs(m) - 1.0) < 0.05 else "grazing"
-        sides = {"below": _stability(one), "above": _stability(other)}
-        yield value, {"what": kind, "located": located, "tip": _tips(known[value], 1)[0]} | sides
+        below, above = _stability(one), _stability(other)
+        sides = f"{below} on both sides" if below == above else f"{below} below, {above} above"
+        yield value, {"what": kind, "located": located, "tip": _tips(known[value], 1)[0], "sides": sides}
 
 
 def _stability(orbit: Orbit) -> str:
@@ -258,8 +254,3 @@ def _rows(name: str, place: int, value: float, orbit: Orbit, length: int) -> lis
         "second_real": float(m[1].real), "second_imag": float(m[1].imag),
     }  # fmt: skip
     return [shared | {"phase": phase, "tip": tip} for phase, tip in enumerate(_tips(orbit, length))]
-
-
-def _said(row: Row) -> str:
-    below, above = row["below"], row["above"]
-    return f"{below} on both sides" if below == above else f"{below} below, {above} above"
