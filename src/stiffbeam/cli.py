@@ -9,7 +9,6 @@ import json as json_module
 import os
 import platform
 import re
-import shlex
 import shutil
 import signal
 import sys
@@ -41,7 +40,7 @@ Every command takes --quiet (-q: print nothing but errors and --json).
 Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 interrupted (run again to resume).
 """
 OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
-    "converge": "Orders, work, time, impacts and energy lost of every integrator over the time step.",
+    "converge": "Orders, work, time and impacts of every integrator over the time step.",
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
     "advise": "Cheapest scheme, contact treatment and time step for given errors.",
     "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh and data.",
@@ -113,12 +112,9 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 
 def _json_file(_: Any, file: Path | None) -> None:
     """Raise InputError for a --json that cannot be a file, before anything is computed."""
-    if file is None or str(file) == "-":
-        return
-    file_path("--json", file)
-    make_folder(file.parent, "--json")
-    if file.is_dir() or (file.exists() and not os.access(file, os.W_OK)):
-        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
+    if file is not None and str(file) != "-":
+        file_path("--json", file)
+        make_folder(file.parent, "--json")
 
 
 # Options that several commands have.
@@ -217,17 +213,16 @@ def compare(
 
     chosen, options = asked_case(case, dt, t_end), options or Options()
     positive("--budget", options.budget)
-    schemes = None if options.schemes is None else split_runs(options.schemes)
-    names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
-    for flag, listed in (("--schemes", schemes), ("--references", names)):
-        if listed == []:
-            raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
+    schemes, names = (
+        None if text is None else [x.strip() for x in split_runs(text)]
+        for text in (options.schemes, options.references)
+    )
     folder = out if out is not None else default_folder(chosen.name)
     result = CaseComparison(chosen, options.form, options.contact, options.budget)
     tell, written = (say if str(json) != "-" else str), list[Path]()
     with working("starting", True) as show:
         try:
-            _follow(result, schemes, names, tell, case, folder, written)
+            _follow(result, schemes, names, tell, folder, written)
             if options.rates and chosen.has_stops and result.comparisons:
                 written.append(_rates(result, tell, folder))
             # The answer comes first: to load matplotlib and to draw takes as long again.
@@ -237,32 +232,21 @@ def compare(
         finally:  # an interrupt loses only what is running
             if written:
                 written.append(write_whole(folder / "comparison.txt", f"{result.report()}\n"))
-                records = result.to_dict() | {"files": [path.name for path in written]}
+            records = result.to_dict() | {"files": [path.name for path in written]}
+            if written:
                 written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
-    records = result.to_dict() | {"files": [path.name for path in written]}
     if not write_json("compare", records, json):
-        say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
-        say(f"Written: {len(written)} files in {folder}")
+        say(f"\nWritten: {len(written)} files in {folder}")
     failed_runs = [label for _, label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     return int(bool(failed_runs) or not result.references)
 
 
 def _follow(
     result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
-    case: str, folder: Path, written: list[Path],
+    folder: Path, written: list[Path],
 ) -> None:  # fmt: skip
-    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference, or the
-    last one where solvers are named among the schemes, so that they have their rows."""
+    """Print a line of each solution and save it as soon as it is there; then the tables, after an interrupt too."""
     from .measures.report import largest, short, verdict
-
-    told, solvers = -1, set(schemes or ()) & set(REFERENCES)  # failures that the tables have told
-
-    def tables() -> int:
-        tell(f"\n{result.report()}")
-        if any(c.steps and min(c.window, c.matched_until) < c.t_end * (1 - 1e-9) for c in result.comparisons):
-            command = f"stiffbeam ensemble {shlex.quote(case)}"
-            tell(f"\nStatistics of many runs, past where the motions part: {command}")
-        return len(result.failures)
 
     try:
         for solution in result.run(schemes, names):
@@ -275,12 +259,9 @@ def _follow(
             said = verdict(compared) if compared else largest(solution)
             work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
             tell(f"{short(solution.provenance['method'])}: {said} ({work})")
-            if solution in result.references[:1] and not solvers:
-                told = tables()
     finally:
-        told = tables() if told < 0 and (written or result.failures) else told
-        for kind, label, message in result.failures[max(told, 0) :]:
-            tell(f"{kind}  {short(label)}  {message}")
+        if written or result.failures:
+            tell(f"\n{result.report()}")
 
 
 def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) -> Path:
@@ -516,10 +497,7 @@ def main() -> None:
             raise
         _fail(error, 1)
     except KeyboardInterrupt:
-        print(
-            "stiffbeam: interrupted; run the same command again",
-            file=sys.stderr,
-        )
+        print("stiffbeam: interrupted; run the same command again", file=sys.stderr)
         if stopped:  # at once: worker processes end with this one
             sys.stdout.flush()
             sys.stderr.flush()
