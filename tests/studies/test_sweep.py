@@ -132,7 +132,7 @@ def test_bad_input_is_refused_before_anything_runs(bad):
 
 def test_a_case_without_a_drive_has_no_frequency_to_vary():
     still = replace(TABLE10, problem=replace(TABLE10.problem, base=None))
-    with pytest.raises(sb.InputError, match="be given for frequency.*a case without a period"):
+    with pytest.raises(sb.InputError, match=r"be given for frequency.*a case without a period"):
         study("sweep", still)
     with pytest.raises(sb.InputError, match="case with stops"):
         study("sweep", LINEAR, parameter="clearance", values=[0.1])

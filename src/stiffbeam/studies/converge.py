@@ -53,9 +53,9 @@ class Converge(Study):
     contact (smooth) they follow the slow motion of the case over its longest period. In contact errors are measured
     until the first ``impacts`` impacts are over; impacts are followed to the horizon of the exact motion.
 
-    Work of an implicit scheme: linear solves. Of an explicit one: evaluations of the force. Of a solver: evaluations of
-    the right-hand side or linear solves, whichever are more. Of a function: the largest of ``work.counters`` of the
-    Trajectory that it returns, for example {"rhs": 4 * steps}; without them its work is not known.
+    Work of a scheme: steps times stages, which are linear solves or, of an explicit scheme, evaluations of the force.
+    Of a solver: evaluations of the right-hand side or linear solves, whichever are more. Of a function: the largest of
+    ``work.counters`` of the Trajectory that it returns, for example {"rhs": 4 * steps}; without them it is not known.
 
     Example: stiffbeam converge table10 --integrators BDF2,cvode --views order,work
     """
@@ -150,9 +150,9 @@ class Converge(Study):
                 "exact_impacts": sum(x.impacts.until(until).count for x in exact.contacts),
                 "matched_until": matched_until(longer, exact, until), "horizon": float(until),
             }  # fmt: skip
-        known, unit = one.kind == SCHEME or bool(run.work.counters), "solves" if one.implicit else "evaluations"
+        known = one.kind == SCHEME or run.work.counters
         return row | {
-            "tip_error": error, "left_out": left_out, "solves": one.work(run) if known else np.nan, "unit": unit,
+            "tip_error": error, "left_out": left_out, "solves": one.work(run) if known else np.nan,
             "seconds": float(run.work.march_seconds),
         }  # fmt: skip
 
@@ -160,7 +160,7 @@ class Converge(Study):
         """Orders of every integrator, the work for one error, the step from which on impacts are right."""
         observed, parts = orders(table), list[str]()
         at = table[table.kind == (CONTACT if CONTACT in set(table.kind) else SMOOTH)]
-        costs, right, by_integrator = cheapest(at, ERROR, "solves"), right_from(at), at.groupby("integrator")
+        costs, right = cheapest(at, ERROR, "solves"), right_from(at)
         columns: dict[str, dict[str, str]] = {"integrator": {x: short(x) for x in table.integrator.unique()}}
         words = {SMOOTH: "without contact", CONTACT: "through the first impacts"}
         if not right:
@@ -171,17 +171,17 @@ class Converge(Study):
                 label: str(order) if np.isfinite(order.slope) else "too few points" for label, order in of_kind.items()
             }
             parts += [f"{base.clear_orders(of_kind)} {place}"] if of_kind else []
-        unit, met = by_integrator.unit.first(), by_integrator.tip_error.max() <= ERROR
+        met = at.groupby("integrator").tip_error.max() <= ERROR
         # Three digits, without a power of ten. Where even the coarsest run meets the error a coarser one may as well.
-        work = {x: f"{'at most ' if met[x] else ''}{float(f'{cost:.3g}'):.0f} {unit[x]}" for x, cost in costs.items()}
+        work = {x: f"{'at most ' if met[x] else ''}{float(f'{cost:.3g}'):.0f}" for x, cost in costs.items()}
         columns[f"work for {ERROR:g}"] = work
         columns["impacts right from dt"] = {x: f"{dt:.2g}" if np.isfinite(dt) else DASH for x, dt in right.items()}
         verdict = f"Observed orders: {', '.join(parts)}." if parts else ""
         if costs:
             best = min(costs, key=costs.__getitem__)
-            verdict += f" Least work for a tip error of {ERROR:g}: {work[best]} ({short(best)})."
-        notes = "Order: ± holds with 95 %; through impacts the worst of each octave of steps counts. Work: for a tip "
-        notes += f"error of {ERROR:g} that all finer runs keep, interpolated between runs."
+            verdict += f" Least work for a tip error of {ERROR:g}: {work[best]} solves or evaluations ({short(best)})."
+        notes = "Order: ± holds with 95 %; through impacts the worst of each octave of steps counts. Work: solves or "
+        notes += f"evaluations for a tip error of {ERROR:g} that all finer runs keep, interpolated between runs."
         if right:
             notes += f" Impacts right: as many as the exact motion to its horizon, t = {at.horizon.max():.3g}."
         small = pd.DataFrame({name: column for name, column in columns.items() if column})
