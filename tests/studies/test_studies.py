@@ -212,8 +212,9 @@ def test_grids_converge_with_the_second_order():
     assert in_space(records.found)["tip response", "displacement"].slope == pytest.approx(2.0, abs=0.05)
 
 
-def test_stiff_stops_approach_rigid_ones_with_the_square_root():
-    system = one_mass(100.0, sb.Stops(upper=0.05, stiffness=1e6), load=sb.Harmonic(8.0, 5.0))
+@pytest.mark.parametrize("damping", [0.0, 1.0])
+def test_stiff_stops_approach_rigid_ones_with_the_square_root(damping):
+    system = one_mass(100.0, sb.Stops(upper=0.05, stiffness=1e6), damping=damping, load=sb.Harmonic(8.0, 5.0))
     records = sb.study("rigid", system, dt=1e-3, t_end=3.0, impacts=1, factors=[1.0, 16.0, 256.0, 4096.0])
     rows = records.found.sort_values("kappa")
     slope = np.polyfit(np.log(rows.kappa), np.log(rows.tip_error), 1)[0]

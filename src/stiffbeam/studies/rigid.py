@@ -30,7 +30,7 @@ class Rigid(Study):
     """How stiff must a stop be before it acts like a rigid one, and how fast is that limit approached?
 
     Stops of the case's stiffness times ``factors``, until the first ``impacts`` impacts on rigid stops are over. The
-    case has linear stops at one place, and no damping.
+    case has linear stops at one place.
     """
 
     factors: base.Values = option(tuple(4.0**k for k in range(10)), "factors on the stiffness, comma-separated")
@@ -53,13 +53,6 @@ class Rigid(Study):
             rule, remedy = "have stops at one place, neither none nor several", "keep the stops at one place"
             raise InputError("case", f"{len(system.contacts)} contacts", rule, remedy)
         system.contacts[0].stops.require_linear("a limit of rigid stops")
-        if system.contacts[0].offset is not None:
-            remedy = "their limit is known without motion"
-            raise InputError("stops", "moving ones", "be at rest for rigid stops", remedy)
-        if system.damped:
-            names = [x for x in ("viscosity", "mass_damping", "modal_damping") if np.any(getattr(case.problem, x, 0.0))]
-            value = getattr(case.problem, names[0]) if names else "a matrix that is not 0"
-            raise InputError(" and ".join(names) or "damping", value, "be 0 for rigid stops", "leave it out here")
         return [{"factor": float(factor)} for factor in self.factors or ()]
 
     def run(self, case: Case, factor: float) -> Row:
