@@ -197,7 +197,6 @@ class Options:
     budget: Annotated[float, Parameter(help="CPU seconds of each reference; one that needs more ends earlier.")] = (
         BUDGET
     )
-    rates: Annotated[bool, Parameter(help="Add rates of impacts, impulse and work at every stop.")] = False
 
 
 def compare(
@@ -223,8 +222,6 @@ def compare(
     with working("starting", True) as show:
         try:
             _follow(result, schemes, names, tell, folder, written)
-            if options.rates and chosen.has_stops and result.comparisons:
-                written.append(_rates(result, tell, folder))
             # The answer comes first: to load matplotlib and to draw takes as long again.
             show("drawing", 0, 0)
             if result.comparisons:
@@ -262,21 +259,6 @@ def _follow(
     finally:
         if written or result.failures:
             tell(f"\n{result.report()}")
-
-
-def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) -> Path:
-    """Rates of the main reference and of every scheme; the file has a line for each run and stop."""
-    import pandas
-
-    from .measures.rates import contact_rates
-
-    tables = []
-    for one in (*result.references[:1], *result.runs):
-        rates = contact_rates(one)
-        tell(f"\n{one.label}, rates with 95 % intervals\n{rates}")
-        tables.append(rates.to_dataframe().reset_index().assign(run=one.label))
-    table = pandas.concat(tables).set_index(["run", "contact"])
-    return write_whole(folder / "comparison-rates.csv", table.to_csv())
 
 
 def _draw(result: CaseComparison, folder: Path) -> Path:
