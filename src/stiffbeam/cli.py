@@ -14,6 +14,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Mapping
+from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -26,13 +27,12 @@ from cyclopts import App, CycloptsError, Parameter
 from .basics.resources import TALK, cores, working
 from .basics.storage import make_folder, write_whole
 from .basics.text import cut, plain
-from .basics.validation import InputError, file_path, one_of, positive
+from .basics.validation import InputError, one_of, positive
 from .references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
 
 if TYPE_CHECKING:
     from .files.cases import Case
     from .studies.base import Study
-    from .studies.comparison import CaseComparison
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
 
@@ -113,7 +113,6 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 def _json_file(_: Any, file: Path | None) -> None:
     """Raise InputError for a --json that cannot be a file, before anything is computed."""
     if file is not None and str(file) != "-":
-        file_path("--json", file)
         make_folder(file.parent, "--json")
 
 
@@ -207,6 +206,9 @@ def compare(
 
     Example: stiffbeam compare table10 --schemes 'BDF2,HHT(alpha=-0.2)' --json records.json
     """
+    from .figures.chart import heading, save_figure
+    from .figures.runs import comparison_figure
+    from .measures.report import largest, short, verdict
     from .schemes.labels import split_runs
     from .studies.comparison import CaseComparison
 
@@ -221,12 +223,24 @@ def compare(
     tell, written = (say if str(json) != "-" else str), list[Path]()
     with working("starting", True) as show:
         try:
-            _follow(result, schemes, names, tell, folder, written)
-            # The answer comes first: to load matplotlib and to draw takes as long again.
-            show("drawing", 0, 0)
+            for solution in result.run(schemes, names):
+                if not written:
+                    make_folder(folder)
+                    tell("  ".join(dict.fromkeys([chosen.name, chosen.title])))
+                written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
+                compared = [c for c in result.comparisons if c.pair[0] is solution]
+                facts = f"{verdict(compared) if compared else largest(solution)} ({solution.work.seconds:.2g} s"
+                budget = solution.provenance.get("budget")
+                tell(f"{short(solution.provenance['method'])}: {facts}{f'; {budget}' if budget else ''})")
             if result.comparisons:
-                written.append(_draw(result, folder))
+                show("drawing", 0, 0)
+                own = [c for c in result.comparisons if c.pair[0] in result.runs]
+                details = f"{result.references[0].provenance['form']}, dt = {chosen.dt:g}, {chosen.grid}"
+                title = f"{heading(chosen, verdict(own) if own else chosen.title)}; {details}"
+                written.append(save_figure(comparison_figure(result.comparisons, title), folder / "comparison.png"))
         finally:  # an interrupt loses only what is running
+            if written or result.failures:
+                tell(f"\n{result.report()}")
             if written:
                 written.append(write_whole(folder / "comparison.txt", f"{result.report()}\n"))
             records = result.to_dict() | {"files": [path.name for path in written]}
@@ -236,42 +250,6 @@ def compare(
         say(f"\nWritten: {len(written)} files in {folder}")
     failed_runs = [label for _, label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     return int(bool(failed_runs) or not result.references)
-
-
-def _follow(
-    result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
-    folder: Path, written: list[Path],
-) -> None:  # fmt: skip
-    """Print a line of each solution and save it as soon as it is there; then the tables, after an interrupt too."""
-    from .measures.report import largest, short, verdict
-
-    try:
-        for solution in result.run(schemes, names):
-            if not written:
-                make_folder(folder)
-                name, title = result.case.name, result.case.title
-                tell(name if title == name else f"{name}  {title}")
-            written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
-            compared = [c for c in result.comparisons if c.label == solution.label and solution in result.references]
-            said = verdict(compared) if compared else largest(solution)
-            work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
-            tell(f"{short(solution.provenance['method'])}: {said} ({work})")
-    finally:
-        if written or result.failures:
-            tell(f"\n{result.report()}")
-
-
-def _draw(result: CaseComparison, folder: Path) -> Path:
-    """The picture."""
-    from .figures.chart import heading, save_figure
-    from .figures.runs import comparison_figure
-    from .measures.report import verdict
-
-    case, labels = result.case, {run.label for run in result.runs}
-    own = [c for c in result.comparisons if c.label in labels]
-    details = f"{result.references[0].provenance['form']}, dt = {case.dt:g}, {case.grid}"
-    title = f"{heading(case, verdict(own) if own else case.title)}; {details}"
-    return save_figure(comparison_figure(result.comparisons, title), folder / "comparison.png")
 
 
 # ---------------------------------------------------------------- the others
@@ -473,9 +451,9 @@ def main() -> None:
         _fail(error, 1)
     except RuntimeError as error:
         # Imported here: they load SciPy, which help does without.
-        from .trajectory.trajectory import Diverged, SolverFailure, Unfinished
+        from .trajectory.trajectory import Diverged, SolverFailure
 
-        if not isinstance(error, (Diverged, SolverFailure, Unfinished)):
+        if not isinstance(error, (Diverged, SolverFailure, BrokenExecutor)):  # a process that the system has ended
             raise
         _fail(error, 1)
     except KeyboardInterrupt:

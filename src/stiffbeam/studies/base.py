@@ -38,7 +38,7 @@ from ..model.system import System
 from ..references import best_reference, substitute
 from ..schemes import RIGID, SCHEMES, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, split_runs, user_source
-from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Unfinished
+from ..trajectory.trajectory import Diverged, Reference, SolverFailure
 
 Row = dict[str, Any]
 Table = Any  # a pandas.DataFrame, whose columns have no types of their own
@@ -238,7 +238,6 @@ def perform(
 ) -> Records:
     """Run every point that ``folder`` does not hold and return the records, see ``study``."""
     from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import BrokenProcessPool
 
     study.require(case)
     if jobs is not None:
@@ -252,14 +251,10 @@ def perform(
         costs = [point.get("steps", 1) for point in points]
         show(name, 0, sum(costs))
         rows = list[Row]()
-        try:
-            finished: Any = Parallel(1 if study.measured else jobs, return_as="generator")(work)
-            for part, done in zip(finished, accumulate(costs), strict=True):
-                rows += part
-                show(name, done, sum(costs))
-        except BrokenProcessPool as error:
-            reason = "is there enough memory? Run it again; with a folder the finished points are kept"
-            raise Unfinished(f"a process of the study died: {reason}") from error
+        finished: Any = Parallel(1 if study.measured else jobs, return_as="generator")(work)
+        for part, done in zip(finished, accumulate(costs), strict=True):
+            rows += part
+            show(name, done, sum(costs))
     table = pd.DataFrame(rows)
     labels = {column: with_unit(case.units, *label) for column, label in study.labels.items()}
     table.attrs = {"study": name, "case": case.name, "units": list(case.units), "labels": labels}

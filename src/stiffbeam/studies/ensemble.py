@@ -169,14 +169,11 @@ class Ensemble(Study):
             drawn = table[table[name].notna()] if name in table else table[:0]
             if not len(drawn):
                 say_empty(axis, f"no {title} are known")
-            for k, (n, rows) in enumerate(drawn.groupby("contact_number")):
-                lines(axis, rows, name, "level", "method", marker="")
-                if several:
-                    at = rows.iloc[1 + 3 * k]  # at the foot of its lines, one contact above the other
-                    axis.annotate(f"at contact {n:g}", (at[name], at.level), xytext=(6, -3),
-                                  textcoords="offset points", fontsize=8)  # fmt: skip
+            for k, (_, rows) in enumerate(drawn.groupby("contact_number")):
+                lines(axis, rows, name, "level", "method", marker="", alpha=1.0 / (1.0 + k))
             log_scale(axis, y=False)
-            axis.set(title=title, xlabel=labels[name], ylabel=labels["level"] if i == 0 else "", ylim=(0.0, 1.0))
+            title += ", further contacts fainter" if several else ""
+            axis.set(title=title, xlabel=labels[name], ylabel="" if i else labels["level"], ylim=(0.0, 1.0))
         shared_legend(figure, 5)
 
 
