@@ -100,22 +100,22 @@ class Orbits(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The values at which the orbit gains or loses its stability, where the branch ends, and a table of them."""
-        orbits, changes = (_of_kind(table, kind) for kind in ("orbit", "change"))
-        ends = [row["reason"] for row in _of_kind(table, "end")]
-        if not orbits:
-            return Answer(f"No orbit was found: {'; '.join(ends)}.")
+        orbits, changes, ends = (table[table.kind == kind] for kind in ("orbit", "change", "end"))
+        reasons = list(ends.reason) if len(ends) else []
+        if not len(orbits):
+            return Answer(f"No orbit was found: {'; '.join(reasons)}.")
         name, small = self.parameter, list[Row]()
-        for row in changes:
+        for _, row in changes.iterrows():
             place = f"at {row[name]:.6g}" if row["located"] else f"near {row[name]:.4g}"
             small.append({"bifurcation": row["what"], name: place, "orbits": row["sides"]})
         said = "; ".join(f"{row['bifurcation']} {row[name]}: {row['orbits']}" for row in small[:TOLD])
         said += f"; {len(small) - TOLD} more changes" if len(small) > TOLD else ""
-        low, high = (pick(row[name] for row in orbits) for pick in (min, max))
+        span = f"{name} {orbits[name].min():g} to {orbits[name].max():g}"
         return Answer(
-            f"Orbits of {several(self.length, 'period')} over {name} {low:g} to {high:g}: "
-            f"{said or orbits[0]['stability'] + ' all along'}.",
+            f"Orbits of {several(self.length, 'period')} over {span}: "
+            f"{said or orbits.stability.iloc[0] + ' all along'}.",
             pd.DataFrame(small),
-            " ".join(f"The branch ends {reason}." for reason in ends),
+            " ".join(f"The branch ends {reason}." for reason in reasons),
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
@@ -142,11 +142,6 @@ class Orbits(Study):
             title="two leading multipliers", xlabel="real part", ylabel="imaginary part", xlim=(-1.8, 1.8),
             ylim=(-1.2, 1.2), aspect="equal",
         )  # fmt: skip
-
-
-def _of_kind(table: Table, kind: str) -> list[Row]:
-    rows = table[table.kind == kind]
-    return rows.dropna(axis="columns", how="all").to_dict("records")
 
 
 def _starts(make: Maker, values: Sequence[float]) -> Iterator[tuple[float, Orbit | str]]:

@@ -92,8 +92,9 @@ class Rigid(Study):
             "first impulse off by": rows.impulse_error.map(percent) if "impulse_error" in rows else "–",
         })  # fmt: skip
         if len(near) < 2:
-            verdict = f"From {len(near)} of {len(rows)} stiffnesses on there are as many impacts as on rigid stops."
-            return Answer(f"{verdict} Take stiffer stops.", small)
+            return Answer(
+                f"{len(near)} of {len(rows)} stops have the impacts of rigid ones: take larger factors.", small
+            )
         order, first = base.order_over(1.0 / near.kappa, near.tip_error), near.kappa.iloc[0]
         verdict = (
             f"The tip approaches that of rigid stops like kappa^-({order}) (theory: 1/2), from kappa = {first:.2g} on."
