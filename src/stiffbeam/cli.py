@@ -9,12 +9,12 @@ import json as json_module
 import os
 import platform
 import re
-import shlex
 import shutil
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Mapping
+from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -27,13 +27,12 @@ from cyclopts import App, CycloptsError, Parameter
 from .basics.resources import TALK, cores, working
 from .basics.storage import make_folder, write_whole
 from .basics.text import cut, plain
-from .basics.validation import InputError, file_path, one_of, positive
+from .basics.validation import InputError, one_of, positive
 from .references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
 
 if TYPE_CHECKING:
     from .files.cases import Case
     from .studies.base import Study
-    from .studies.comparison import CaseComparison
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
 
@@ -41,7 +40,7 @@ Every command takes --quiet (-q: print nothing but errors and --json).
 Exit status: 0 success; 1 a run or check failed; 2 invalid input; 130 or 143 interrupted (run again to resume).
 """
 OWN = {  # studies with a command of their own; the others: stiffbeam study NAME
-    "converge": "Orders, work, time, impacts and energy lost of every integrator over the time step.",
+    "converge": "Orders, work, time and impacts of every integrator over the time step.",
     "ensemble": "Statistics past the horizon: impacts, durations, forces and energy of perturbed runs.",
     "advise": "Cheapest scheme, contact treatment and time step for given errors.",
     "doubt": "Uncertainty of every quantity by source: rounding, scheme, mesh and data.",
@@ -113,12 +112,8 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 
 def _json_file(_: Any, file: Path | None) -> None:
     """Raise InputError for a --json that cannot be a file, before anything is computed."""
-    if file is None or str(file) == "-":
-        return
-    file_path("--json", file)
-    make_folder(file.parent, "--json")
-    if file.is_dir() or (file.exists() and not os.access(file, os.W_OK)):
-        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
+    if file is not None and str(file) != "-":
+        make_folder(file.parent, "--json")
 
 
 # Options that several commands have.
@@ -201,7 +196,6 @@ class Options:
     budget: Annotated[float, Parameter(help="CPU seconds of each reference; one that needs more ends earlier.")] = (
         BUDGET
     )
-    rates: Annotated[bool, Parameter(help="Add rates of impacts, impulse and work at every stop.")] = False
 
 
 def compare(
@@ -212,103 +206,50 @@ def compare(
 
     Example: stiffbeam compare table10 --schemes 'BDF2,HHT(alpha=-0.2)' --json records.json
     """
+    from .figures.chart import heading, save_figure
+    from .figures.runs import comparison_figure
+    from .measures.report import largest, short, verdict
     from .schemes.labels import split_runs
     from .studies.comparison import CaseComparison
 
     chosen, options = asked_case(case, dt, t_end), options or Options()
     positive("--budget", options.budget)
-    schemes = None if options.schemes is None else split_runs(options.schemes)
-    names = None if options.references is None else [x.strip() for x in options.references.split(",") if x.strip()]
-    for flag, listed in (("--schemes", schemes), ("--references", names)):
-        if listed == []:
-            raise InputError(flag, "nothing", "name at least one", "or leave the option out for the default ones")
+    schemes, names = (
+        None if text is None else [x.strip() for x in split_runs(text)]
+        for text in (options.schemes, options.references)
+    )
     folder = out if out is not None else default_folder(chosen.name)
     result = CaseComparison(chosen, options.form, options.contact, options.budget)
     tell, written = (say if str(json) != "-" else str), list[Path]()
     with working("starting", True) as show:
         try:
-            _follow(result, schemes, names, tell, case, folder, written)
-            if options.rates and chosen.has_stops and result.comparisons:
-                written.append(_rates(result, tell, folder))
-            # The answer comes first: to load matplotlib and to draw takes as long again.
-            show("drawing", 0, 0)
+            for solution in result.run(schemes, names):
+                if not written:
+                    make_folder(folder)
+                    tell("  ".join(dict.fromkeys([chosen.name, chosen.title])))
+                written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
+                compared = [c for c in result.comparisons if c.pair[0] is solution]
+                facts = f"{verdict(compared) if compared else largest(solution)} ({solution.work.seconds:.2g} s"
+                budget = solution.provenance.get("budget")
+                tell(f"{short(solution.provenance['method'])}: {facts}{f'; {budget}' if budget else ''})")
             if result.comparisons:
-                written.append(_draw(result, folder))
+                show("drawing", 0, 0)
+                own = [c for c in result.comparisons if c.pair[0] in result.runs]
+                details = f"{result.references[0].provenance['form']}, dt = {chosen.dt:g}, {chosen.grid}"
+                title = f"{heading(chosen, verdict(own) if own else chosen.title)}; {details}"
+                written.append(save_figure(comparison_figure(result.comparisons, title), folder / "comparison.png"))
         finally:  # an interrupt loses only what is running
+            if written or result.failures:
+                tell(f"\n{result.report()}")
             if written:
                 written.append(write_whole(folder / "comparison.txt", f"{result.report()}\n"))
-                records = result.to_dict() | {"files": [path.name for path in written]}
+            records = result.to_dict() | {"files": [path.name for path in written]}
+            if written:
                 written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
-    records = result.to_dict() | {"files": [path.name for path in written]}
     if not write_json("compare", records, json):
-        say("\n" + "\n".join(f"Picture: {path}" for path in written if path.suffix == ".png"))
-        say(f"Written: {len(written)} files in {folder}")
+        say(f"\nWritten: {len(written)} files in {folder}")
     failed_runs = [label for _, label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     return int(bool(failed_runs) or not result.references)
-
-
-def _follow(
-    result: CaseComparison, schemes: list[str] | None, names: list[str] | None, tell: Callable[[str], object],
-    case: str, folder: Path, written: list[Path],
-) -> None:  # fmt: skip
-    """Print a line of each solution and save it as soon as it is there; the tables follow the main reference, or the
-    last one where solvers are named among the schemes, so that they have their rows."""
-    from .measures.report import largest, short, verdict
-
-    told, solvers = -1, set(schemes or ()) & set(REFERENCES)  # failures that the tables have told
-
-    def tables() -> int:
-        tell(f"\n{result.report()}")
-        if any(c.steps and min(c.window, c.matched_until) < c.t_end * (1 - 1e-9) for c in result.comparisons):
-            command = f"stiffbeam ensemble {shlex.quote(case)}"
-            tell(f"\nStatistics of many runs, past where the motions part: {command}")
-        return len(result.failures)
-
-    try:
-        for solution in result.run(schemes, names):
-            if not written:
-                make_folder(folder)
-                name, title = result.case.name, result.case.title
-                tell(name if title == name else f"{name}  {title}")
-            written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
-            compared = [c for c in result.comparisons if c.label == solution.label and solution in result.references]
-            said = verdict(compared) if compared else largest(solution)
-            work = "; ".join([f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])])
-            tell(f"{short(solution.provenance['method'])}: {said} ({work})")
-            if solution in result.references[:1] and not solvers:
-                told = tables()
-    finally:
-        told = tables() if told < 0 and (written or result.failures) else told
-        for kind, label, message in result.failures[max(told, 0) :]:
-            tell(f"{kind}  {short(label)}  {message}")
-
-
-def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) -> Path:
-    """Rates of the main reference and of every scheme; the file has a line for each run and stop."""
-    import pandas
-
-    from .measures.rates import contact_rates
-
-    tables = []
-    for one in (*result.references[:1], *result.runs):
-        rates = contact_rates(one)
-        tell(f"\n{one.label}, rates with 95 % intervals\n{rates}")
-        tables.append(rates.to_dataframe().reset_index().assign(run=one.label))
-    table = pandas.concat(tables).set_index(["run", "contact"])
-    return write_whole(folder / "comparison-rates.csv", table.to_csv())
-
-
-def _draw(result: CaseComparison, folder: Path) -> Path:
-    """The picture."""
-    from .figures.chart import heading, save_figure
-    from .figures.runs import comparison_figure
-    from .measures.report import verdict
-
-    case, labels = result.case, {run.label for run in result.runs}
-    own = [c for c in result.comparisons if c.label in labels]
-    details = f"{result.references[0].provenance['form']}, dt = {case.dt:g}, {case.grid}"
-    title = f"{heading(case, verdict(own) if own else case.title)}; {details}"
-    return save_figure(comparison_figure(result.comparisons, title), folder / "comparison.png")
 
 
 # ---------------------------------------------------------------- the others
@@ -510,16 +451,13 @@ def main() -> None:
         _fail(error, 1)
     except RuntimeError as error:
         # Imported here: they load SciPy, which help does without.
-        from .trajectory.trajectory import Diverged, SolverFailure, Unfinished
+        from .trajectory.trajectory import Diverged, SolverFailure
 
-        if not isinstance(error, (Diverged, SolverFailure, Unfinished)):
+        if not isinstance(error, (Diverged, SolverFailure, BrokenExecutor)):  # a process that the system has ended
             raise
         _fail(error, 1)
     except KeyboardInterrupt:
-        print(
-            "stiffbeam: interrupted; run the same command again",
-            file=sys.stderr,
-        )
+        print("stiffbeam: interrupted; run the same command again", file=sys.stderr)
         if stopped:  # at once: worker processes end with this one
             sys.stdout.flush()
             sys.stderr.flush()

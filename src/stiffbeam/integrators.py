@@ -16,13 +16,11 @@ import numpy as np
 from .basics.resources import clock
 from .basics.validation import InputError
 from .march.integrate import integrate
-from .model.equations import Equation
 from .model.system import System
 from .references import solve
 from .references.registry import ADAPTIVE, REFERENCES, RTOL
 from .schemes import Scheme
 from .schemes.labels import parse_run, scheme_of, user_object
-from .schemes.scheme import require_scheme
 from .trajectory.trajectory import Diverged, SolverFailure, Trajectory, Work
 
 SCHEME, SOLVER, FUNCTION, RECORDED = "scheme", "solver", "function", "recorded"
@@ -77,19 +75,8 @@ class Integrator:
         """Return the run of a solver to a relative tolerance, at ``times`` (k,); the exact solver has none."""
         return solve(system, t_end, self.source, np.asarray(times, float), rtol, None)
 
-    @property
-    def implicit(self) -> bool:
-        """True for a scheme whose step solves with more than the mass: the work of others is evaluations."""
-        if self.kind != SCHEME:
-            return False
-        one, zero = np.eye(1), np.zeros(1)
-        equation, still = Equation(one, one, one), [zero] * len(self.source.nodes)
-        start = self.source.initial(equation, [np.zeros((2, 1))] * self.source.history, zero)
-        self.source.step(equation, 1.0, start, still, still)
-        return any(key != (0.0, 0.0) for key in equation.solved)
-
     def work(self, run: Trajectory) -> int:
-        """Return the work of its run: linear solves of an implicit scheme, evaluations of others, else steps."""
+        """Return the work of its run: steps times stages of a scheme, evaluations or solves of others, else steps."""
         if self.kind == SCHEME:
             return run.work.steps * len(self.source.nodes)
         return max(run.work.counters.values(), default=run.work.steps)
@@ -139,9 +126,7 @@ def integrator(given: Any) -> Integrator:
         taken = names[0] in REFERENCES or scheme_of(names[0]) is not None
         return Integrator(f"{names[0]} (recorded)" if taken else names[0], RECORDED, tuple(given))
     if callable(given) and not isinstance(given, type):
-        return Integrator(_function_label(given), FUNCTION, given)
-    if isinstance(given, type) and issubclass(given, Scheme):
-        require_scheme(given)
+        return Integrator(getattr(given, "__name__", type(given).__name__), FUNCTION, given)
     remedy = "give a Scheme, the name of one or of a reference solver, a function solve(system, dt, t_end), or runs"
     raise InputError("integrator", given, "be something that can be run", remedy)
 
@@ -171,16 +156,6 @@ def fastest(run: Callable[[], Trajectory]) -> Trajectory:
     while len(runs) < REPEATS and sum(one.work.seconds for one in runs) < ENOUGH:
         runs.append(run())
     return min(runs, key=lambda one: one.work.march_seconds)
-
-
-def _function_label(function: Any) -> str:
-    """``module:function`` where another process can find it, else its bare name."""
-    name = getattr(function, "__name__", type(function).__name__)
-    label = f"{getattr(function, '__module__', None)}:{name}"
-    try:
-        return label if USER.fullmatch(label) and user_object(label) is function else name
-    except InputError:
-        return name
 
 
 def _called(one: Integrator, system: System, dt: float, t_end: float) -> Trajectory:

@@ -11,8 +11,7 @@ steadily, and a count or a peak may be right by chance. The result is the cheape
 times stages), which are the cost of a step in any program. If no run is sure, the one with the smallest worst error
 over the wanted one is named.
 
-Past the horizon of the exact motion a single motion has no meaning: the advice is for the time to the horizon. The
-study ``ensemble`` compares distributions past it.
+The advice ends at the horizon of the exact motion. Past it the study ``ensemble`` compares distributions.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-import pandas as pd
 from cyclopts import Parameter
 
 from ..basics.resources import clock, current
@@ -83,9 +81,6 @@ class Advise(Study):
         ("implicit", "conserving"), "treatments of contact to try, comma-separated", known=TREATMENTS
     )
     form: str | None = option(*base.FORM)
-    most_steps: int | None = option(
-        None, "largest number of steps of a run; default: 2^20, 2^14 of a march with matrices", least=1
-    )
     seconds: float = option(60.0, "CPU seconds after which the search ends")
 
     all_cores: ClassVar = True
@@ -118,9 +113,9 @@ class Advise(Study):
             t_end = exact.horizon
             remarks.append(f"The advice is for the time to the horizon t = {t_end:.4g} of the exact motion.")
             exact = best_reference(system, t_end, progress=show)
-        most = self.most_steps or (MOST_STEPS if decoupled_modes(system) is not None else MOST_DIRECT)
-        search = Search(system, t_end, exact, begun + self.seconds, _wanted(system, self.want))
-        chosen = search.cheapest(self._candidates(case, system), most)
+        most = MOST_STEPS if decoupled_modes(system) is not None else MOST_DIRECT
+        search = Search(system, t_end, exact, begun + self.seconds, _wanted(system, self.want), most)
+        chosen = search.cheapest(self._candidates(case, system))
         if not search.tried:
             raise InputError("schemes", self.schemes, "take the system", "pass schemes that support its stops")
         if search.unfinished:
@@ -137,24 +132,20 @@ class Advise(Study):
         verdict = ""
         if run is None:
             runs = table[table.kind == "run"]
-            run = next(runs.loc[[_worst(runs, wanted).idxmin()]].itertuples())
+            run = next(runs.loc[[runs.worst.idxmin()]].itertuples())
             verdict = f"No run of up to {runs.steps.max():g} steps is sure to meet the admissible errors; nearest: "
-            notes.append("Ask for larger errors, or for a shorter t_end, before the motions part; or compare the "
-                         "distributions of many runs, by the study ensemble.")  # fmt: skip
+            notes.append("Ask for larger errors or a shorter t_end, or compare distributions by the study ensemble.")
         errors = ", ".join(f"{name} {getattr(run, f'error_{name}'):.2g} (wanted {wanted[name]:g})" for name in wanted)
         verdict += f"{_label(run)}, dt = {run.dt:.10g}: {run.steps:g} steps to t = {run.t_end:g}, {run.work:g} "
         notes.insert(0, f"A run is sure if dt/2 and {BETWEEN} steps between dt and dt/2 meet the errors too.")
-        errors = f"relative errors against the exact solution {errors}"
-        return Answer(f"{verdict}linear solves, {errors}.", notes=" ".join(notes))
+        verdict += f"linear solves, relative errors against the exact solution {errors}."
+        return Answer(verdict, notes=" ".join(notes))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """The worst error over the wanted one of every run against its cost; the run that is advised is black."""
-        axis, wanted = figure.subplots(), _wanted(case.system(self.form), self.want)
-        runs = table[table.kind != "remark"].sort_values("work")
-        runs["worst"] = _worst(runs, wanted)
+        axis, runs = figure.subplots(), table[table.kind != "remark"].sort_values("work")
         for (scheme, contact), group in runs.groupby(["scheme", "contact"], sort=False):
-            style: dict[str, Any] = look(str(scheme)) | {"ms": 4, "lw": 1.0}
-            style |= {"alpha": 0.5} if contact != "implicit" else {}
+            style: Any = look(str(scheme)) | {"ms": 4, "lw": 1.0, "alpha": 1.0 if contact == "implicit" else 0.5}
             axis.plot(group.work, group.worst, label=_label(group.iloc[0]), **style)
         best = runs[runs.kind == "advised"]
         axis.plot(best.work, best.worst, "o", ms=10, mfc="none", color="black", label="advised" if len(best) else None)
@@ -185,11 +176,6 @@ def _label(row: Any) -> str:
     return f"{row.scheme}" + (f", {row.contact} contact" if row.contact != "implicit" else "")
 
 
-def _worst(runs: Table, wanted: Mapping[str, float]) -> Any:
-    """The largest of the errors over the wanted ones, of every run."""
-    return pd.concat([runs[f"error_{name}"] / x for name, x in wanted.items()], axis=1).max(axis=1)
-
-
 def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float]:
     """The admissible errors, after their checks."""
     # A blow on a rigid stop has an impulse and no force.
@@ -205,16 +191,17 @@ def _wanted(system: System, want: Mapping[str, float] | None) -> dict[str, float
 
 @dataclass(eq=False)
 class Search:
-    """Trial runs of all candidates, refined together until ``until``, a time of ``clock``. tried: a row for each run,
-    whose work is in linear solves, with infinite errors if it broke off."""
+    """Trial runs of all candidates, of ``most`` steps each, until ``until``, a time of ``clock``. tried: a row for each
+    run, whose work is in linear solves, with infinite errors if it broke off."""
 
     system: System
     t_end: float
     exact: Reference
     until: float
     want: Mapping[str, float]
+    most: int
     tried: list[Row] = field(default_factory=list)
-    unfinished: bool = False  # at most_steps, or after its seconds
+    unfinished: bool = False  # at ``most`` steps, or after its seconds
 
     def probe(self, scheme: Scheme, contact: str, steps: int) -> Row | None:
         """The run with this number of steps; None if the scheme refuses the system."""
@@ -226,49 +213,45 @@ class Search:
                 return None
             errors = dict.fromkeys(QUANTITIES, np.inf)
         row: Row = {"kind": "run", "scheme": label_of_run(scheme), "contact": contact, "dt": dt, "steps": steps,
-                    "work": steps * len(scheme.nodes)}  # fmt: skip
+                    "work": steps * len(scheme.nodes),
+                    "worst": max(errors[name] / wanted for name, wanted in self.want.items())}  # fmt: skip
         self.tried.append(row | {f"error_{name}": x for name, x in errors.items()})
         return self.tried[-1]
 
-    def meets(self, run: Row) -> bool:
-        """Return True where every error is at most the one wanted."""
-        return all(run[f"error_{name}"] <= tolerance for name, tolerance in self.want.items())
+    def meets(self, run: Row | None) -> bool:
+        """Return True where every error is at most the one wanted, and for a refused run."""
+        return run is None or run["worst"] <= 1.0
 
-    def cheapest(self, candidates: list[tuple[Scheme, str]], most: int) -> Row | None:
+    def cheapest(self, candidates: list[tuple[Scheme, str]]) -> Row | None:
         """The cheapest run that meets the want, None where there is none.
 
-        One candidate after the other, each in its share of the time, is refined from PER_PERIOD steps a period to
-        ``most`` until two numbers of steps in a row meet the want and so do those between them, or until it costs more
-        than the best that does.
+        Each candidate, in its share of the time, is refined from PER_PERIOD steps a period to ``most`` until two runs
+        in a row meet the want and so do those between them, or until it costs more than the best that does.
         """
         show, begun, best = current(), clock(), None
-        drives = (2.0 * np.pi / rate for rate in self.system.drive.frequencies)
-        period = min(scales(self.system, self.t_end).period, *drives, self.t_end)
-        coarsest = min(most, max(4, int(np.ceil(PER_PERIOD * self.t_end / period * (1 - 1e-12)))))
+        drives = self.system.drive.frequencies
+        period = min(scales(self.system, self.t_end).period, *(2.0 * np.pi / rate for rate in drives), self.t_end)
+        coarsest = min(self.most, max(4, int(np.ceil(PER_PERIOD * self.t_end / period * (1 - 1e-12)))))
         for done, (scheme, contact) in enumerate(candidates, 1):
             show(f"advise: {label_of_run(scheme)}, {contact}", done - 1, len(candidates))
             until = begun + (self.until - begun) * done / len(candidates)
             good, steps = None, coarsest
             # What costs more than the best run that meets the requirements cannot be chosen.
             while best is None or (good["work"] if good else steps * len(scheme.nodes)) < best["work"]:
-                if steps > most or (clock() > until and self.tried):
+                if steps > self.most or (clock() > until and self.tried):
                     self.unfinished = True
                     break
                 run = self.probe(scheme, contact, steps)
                 if run is None:
                     break  # what this scheme or these stops do not take
-                # Runs between two that meet the requirements may show that this was chance.
-                if good and self.meets(run) and self._confirmed(scheme, good):
-                    best = good
-                    break
+                if good and self.meets(run):
+                    # Runs between two that meet the requirements may show that this was chance.
+                    between = (round(good["steps"] * 2.0 ** (k / (BETWEEN + 1))) for k in range(1, BETWEEN + 1))
+                    if all(self.meets(self.probe(scheme, contact, n)) for n in between):
+                        best = good
+                        break
                 good, steps = run if self.meets(run) else None, 2 * steps
         return best
-
-    def _confirmed(self, scheme: Scheme, coarse: Row) -> bool:
-        """Return True where runs of steps between those of ``coarse`` and their half meet the want too."""
-        numbers = (round(coarse["steps"] * 2.0 ** (k / (BETWEEN + 1))) for k in range(1, BETWEEN + 1))
-        runs = (self.probe(scheme, coarse["contact"], steps) for steps in numbers)
-        return all(run is None or self.meets(run) for run in runs)
 
 
 def errors_of(run: Trajectory, exact: Reference) -> dict[str, float]:
@@ -283,6 +266,4 @@ def errors_of(run: Trajectory, exact: Reference) -> dict[str, float]:
 
 def _relative(value: float, exact: float) -> float:
     """|value - exact| over the exact value; where that is 0, infinite unless the value is 0 too."""
-    if exact == 0.0:
-        return 0.0 if value == 0.0 else np.inf
-    return abs(value / exact - 1.0)
+    return abs(value / exact - 1.0) if exact else np.inf if value else 0.0

@@ -9,7 +9,6 @@ import hashlib
 import json
 import os
 import signal
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
@@ -25,7 +24,7 @@ import pandas as pd
 from cyclopts import Parameter, Token
 
 from ..basics.arrays import Recent
-from ..basics.resources import Show, afford, cores, working
+from ..basics.resources import Show, afford, working
 from ..basics.storage import make_folder, source_hash, write_whole
 from ..basics.text import plain, with_unit
 from ..basics.validation import InputError, exact_float, integer, one_of, sequence
@@ -39,7 +38,7 @@ from ..model.system import System
 from ..references import best_reference, substitute
 from ..schemes import RIGID, SCHEMES, Scheme, takes_stops
 from ..schemes.labels import label_of_run, make, split_runs, user_source
-from ..trajectory.trajectory import Diverged, Reference, SolverFailure, Unfinished
+from ..trajectory.trajectory import Diverged, Reference, SolverFailure
 
 Row = dict[str, Any]
 Table = Any  # a pandas.DataFrame, whose columns have no types of their own
@@ -66,8 +65,7 @@ class Study:
 
     Class variables: ``all_cores``, True where a point uses every core; ``needs_stops`` and ``needs_motion``;
     ``any_step``, True where the study chooses the time steps itself; ``free``, True where the motion touches no stop;
-    ``height`` of the picture in inches; ``labels``, the text and the quantity of columns, for axes. A study may have an
-    option ``budget``, the seconds after which no further point begins.
+    ``height`` of the picture in inches; ``labels``, the text and the quantity of columns, for axes.
     """
 
     all_cores: ClassVar[bool] = False
@@ -240,7 +238,6 @@ def perform(
 ) -> Records:
     """Run every point that ``folder`` does not hold and return the records, see ``study``."""
     from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import BrokenProcessPool
 
     study.require(case)
     if jobs is not None:
@@ -248,45 +245,35 @@ def perform(
     name = study.name()
     with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)
-        store, until = Store(folder, _key(study, case)), time.time() + getattr(study, "budget", np.inf)
-        points = list(study.points(case))
-        jobs, available = 1 if study.measured else jobs, cores()
-        threads = max(1, available // jobs) if jobs is not None else 0
-        work = (delayed(_point)(study, case, point, store, threads, until) for point in points)
+        store, points = Store(folder, _key(study, case)), list(study.points(case))
+        work = (delayed(_point)(study, case, point, store) for point in points)
         # A point counts as many times as it has steps, so that the share that is done is one of the time.
         costs = [point.get("steps", 1) for point in points]
         show(name, 0, sum(costs))
         rows = list[Row]()
-        try:
-            finished: Any = Parallel(jobs, return_as="generator")(work)
-            for part, done in zip(finished, accumulate(costs), strict=True):
-                rows += part
-                show(name, done, sum(costs))
-        except BrokenProcessPool as error:
-            reason = "is there enough memory? Run it again; with a folder the finished points are kept"
-            raise Unfinished(f"a process of the study died: {reason}") from error
+        finished: Any = Parallel(1 if study.measured else jobs, return_as="generator")(work)
+        for part, done in zip(finished, accumulate(costs), strict=True):
+            rows += part
+            show(name, done, sum(costs))
     table = pd.DataFrame(rows)
     labels = {column: with_unit(case.units, *label) for column, label in study.labels.items()}
     table.attrs = {"study": name, "case": case.name, "units": list(case.units), "labels": labels}
     return Records(study, case, table)
 
 
-def _point(study: Study, case: Case, point: Row, store: Store, threads: int, until: float) -> list[Row]:
-    """The rows of a point, from the store if it has them. threads: of an ensemble in this process, 0: all. until: the
-    time at which the budget is over."""
+def _point(study: Study, case: Case, point: Row, store: Store) -> list[Row]:
+    """The rows of a point, from the store if it has them."""
     if current_process().name != "MainProcess" and current_thread() is main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker without a traceback
-    if threads and os.environ.get("STIFFBEAM_THREADS") is None and threads < cores():
-        os.environ["STIFFBEAM_THREADS"] = str(threads)
-    return store.rows(point, lambda: _evaluate(study, case, point, until))
+        os.environ.setdefault("STIFFBEAM_THREADS", "1")  # beside others
+    return store.rows(point, lambda: _evaluate(study, case, point))
 
 
-def _evaluate(study: Study, case: Case, point: Row, until: float) -> list[Row]:
+def _evaluate(study: Study, case: Case, point: Row) -> list[Row]:
     """The rows of a point; a refusal, a run that overflowed and a solver that failed are a row with ``lost``."""
     who = "".join(f"{point[x]}: " for x in ("integrator", "scheme", "method") if x in point)
     try:
-        over = "not begun within the budget: run it again with the same folder to go on, or with a larger budget"
-        rows = study.run(case, **point) if time.time() <= until else {"lost": over}
+        rows = study.run(case, **point)
     except (Diverged, SolverFailure) as error:  # which name the method
         rows = {"lost": str(error)}
     except InputError as error:
@@ -315,11 +302,8 @@ class Store:
             key = json.dumps([self.key, point], sort_keys=True, default=partial(_described, source=True))
             file = self.folder / f"{hashlib.sha256(key.encode()).hexdigest()[:24]}.json"
         if file is not None and file.is_file() and not file.is_symlink():
-            # A damaged file: its point is evaluated again.
-            with suppress(ValueError):
-                rows = json.loads(file.read_text(encoding="utf-8"))
-                if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
-                    return rows
+            with suppress(ValueError):  # of a damaged file: its point is evaluated again
+                return json.loads(file.read_text(encoding="utf-8"))
         text = json.dumps(compute(), default=_described)  # floats keep every bit
         rows = json.loads(text)  # as a later run reads them
         if file is not None and not any("lost" in row for row in rows):
@@ -331,7 +315,7 @@ def _key(study: Study, case: Case) -> list[Any]:
     """All that the rows of a study depend on."""
     systems = [case.system(form).fingerprint for form in case.forms]
     runs = [f"{scheme}@{form}" for scheme, form in case.runs]
-    options = {f.name: _described(getattr(study, f.name), source=True) for f in fields(study) if f.name != "budget"}
+    options = {f.name: _described(getattr(study, f.name), source=True) for f in fields(study)}
     uncertain = {path: repr(one) for path, one in case.uncertain.items()}
     kind = f"{type(study).__module__}:{type(study).__qualname__}"
     return [kind, options, systems, case.grid, case.dt, case.t_end, runs, uncertain, source_hash()]

@@ -23,7 +23,7 @@ from scipy.stats import t as student
 from ..basics.arrays import Array
 from ..basics.text import unit_of, with_unit
 from ..basics.validation import InputError, positive
-from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, shared_legend, short
+from ..figures.chart import Figure, lines, log_scale, look, name_lines, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.report import extremes
@@ -156,28 +156,19 @@ class Chaos(Study):
             axes[0].text(distances.t.min(), 1.2 * LINEAR, "grows in proportion below", fontsize=8, color="0.3")
             log_scale(axes[0], x=False)
         axes[0].set(title="geometric mean over the pairs", xlabel=labels["t"], ylabel=labels["distance"])
-        means, jitter, axis = exponents(table), np.random.default_rng(0), axes[1]
-        for i, (method, known) in enumerate(means.items()):
-            values, colour = _finite(table, method, "exponent"), look(method)["color"]
-            axis.plot(values, i + jitter.uniform(-0.25, 0.25, len(values)), ".", ms=3, color=colour, alpha=0.5)
-            if known is not None:
+        means, methods, axis = exponents(table), list(table.method.unique()), axes[1]
+        values, jitter = [_finite(table, method, "exponent") for method in methods], np.random.default_rng(0)
+        for i, (method, each) in enumerate(zip(methods, values, strict=True)):
+            colour = look(method)["color"]
+            axis.plot(each, i + jitter.uniform(-0.25, 0.25, len(each)), ".", ms=3, color=colour, alpha=0.5)
+            if (known := means.get(method)) is not None:
                 axis.errorbar(known[0], i, xerr=known[1], fmt="o", color=colour, lw=1.8)
         axis.axvline(0.0, color="0.5", lw=0.9)
-        beyond = _keep_most(axis, np.concatenate([_finite(table, x, "exponent") for x in means] or [np.zeros(0)]))
-        name_lines(axis, [short(method) for method in means])
-        axis.set(title=f"exponents: starts{beyond}, mean, 95 % interval", xlabel=labels["exponent"])
+        if any(map(len, values)):  # few starts are so far out that they would hide the others
+            axis.set_xlim(*np.quantile(np.concatenate(values), [0.02, 0.98]))
+        name_lines(axis, [short(method) for method in methods])
+        axis.set(title="exponents: 96 % of the starts, mean, 95 % interval", xlabel=labels["exponent"])
         shared_legend(figure)
-
-
-def _keep_most(axis: Axes, values: Array) -> str:
-    """Cut off what lies farther out than the middle nine tenths of the values are wide; their number in words."""
-    low, high = np.quantile(values, [0.05, 0.95]) if len(values) else (0.0, 0.0)
-    out = (values < 2.0 * low - high) | (values > 2.0 * high - low)
-    if not np.any(out):
-        return ""
-    ends = np.array([values[~out].min(initial=0.0), values[~out].max(initial=0.0)])
-    axis.set_xlim(*(ends + 0.05 * np.ptp(ends) * np.array([-1.0, 1.0])))
-    return f" ({np.sum(out)} farther out)"
 
 
 def _recorded(system: System) -> float:

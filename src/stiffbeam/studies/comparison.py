@@ -123,19 +123,15 @@ class CaseComparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Case, comparisons and failures as plain numbers and texts, for JSON."""
+        references = [
+            {"label": r.label, "horizon": r.horizon, "seconds": r.work.seconds, "provenance": r.provenance}
+            for r in self.references
+        ]
+        case = self.case
         return {
             "measured": ["references.seconds", "comparisons.seconds", "comparisons.ns_per_step"],
-            "case": self.case.name,
-            "title": self.case.title,
-            "units": list(self.case.units),
-            "dt": self.case.dt,
-            "t_end": self.case.t_end,
-            "cells": self.case.cells or None,
-            "inferred": list(self.case.notes),
-            "references": [
-                {"label": r.label, "horizon": r.horizon, "seconds": r.work.seconds, "provenance": r.provenance}
-                for r in self.references
-            ],
+            "case": case.name, "title": case.title, "units": list(case.units), "dt": case.dt, "t_end": case.t_end,
+            "cells": case.cells or None, "inferred": list(case.notes), "references": references,
             "comparisons": [c.to_dict() for c in self.comparisons],
             "failures": [{"run": label, "message": message} for _, label, message in self.failures],
-        }
+        }  # fmt: skip

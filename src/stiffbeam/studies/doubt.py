@@ -50,7 +50,6 @@ from .base import Answer, Row, Study, Table, option
 
 ROUNDING = 1e-15  # of the motion, between starts that float64 hardly tells apart
 LEAST = 8  # elements of the finer mesh
-NAMED = 6  # quantities of a source in the verdict; of more their number
 OUTPUTS = 400  # of the tip, at least where there are so many steps
 QUANTITIES = {"impacts": "impact_count", "largest force": "peak_force", "impulse": "impulse",
               "time in contact": "fraction"}  # fmt: skip
@@ -155,8 +154,7 @@ class Doubt(Study):
         missing = " and ".join(x for x in SOURCES if x not in there)  # of matrices the mesh, which nothing refines
         notes = f"{first.scheme}, dt = {case.dt:.4g}, {self.members} members to t = {case.t_end:.4g}. Rounding leaves "
         notes += f"the motion certain to t = {first.horizon:.4g}."
-        some = lambda names: ", ".join(names) if len(names) <= NAMED else f"{len(names)} of {len(small)} quantities"  # noqa: E731
-        sources = "; ".join(f"{source} for {some(quantities)}" for source, quantities in named.items())
+        sources = "; ".join(f"{source} for {', '.join(quantities)}" for source, quantities in named.items())
         table = pd.DataFrame(small)[["95 % intervals", "mean", "largest", *there]]
         known = f"known source of uncertainty ({missing} not known)" if missing else "source of uncertainty"
         return Answer(f"Largest {known}: {sources}.", table, notes)

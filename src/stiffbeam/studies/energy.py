@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from ..figures.chart import Axes, Figure, lines, name_lines, shared_legend, short, signed_log
+from ..figures.chart import Figure, lines, name_lines, shared_legend, short, signed_log
 from ..files.cases import Case
 from ..march.integrate import integrate
 from ..measures.comparison import lost_fractions
@@ -109,7 +109,14 @@ class Energy(Study):
         for j, form in enumerate(forms):
             left = figure.add_subplot(grid[1, 2 * j : 2 * j + 2], sharey=left)
             end = f"{table[table.form == form].t.max():g}"
-            _shares(left, table[table.form == form], names)
+            last = table[table.form == form].groupby("scheme").tail(1).set_index("scheme").reindex(names)
+            for part, words, colour, place in PARTS:
+                share, y = _share(last, part), np.arange(len(names)) + place
+                bars = left.barh(y, (100.0 * share).clip(-MOST, MOST), 0.3, color=colour, label=words)
+                left.bar_label(bars, [energy_share(x) for x in share], padding=3, fontsize=7.5, color="0.3")
+            left.axvline(0.0, color="0.5", lw=0.9)
+            left.margins(x=0.25)
+            name_lines(left, [short(name) for name in names])
             left.set(title=f"{form} to t = {end}", xlabel="per cent of the energy supplied")
             left.tick_params(labelleft=not j)
         shared_legend(figure)
@@ -118,16 +125,3 @@ class Energy(Study):
 def _share(rows: Table, part: str) -> Any:
     """A part of the loss over the energy supplied, NaN where the share of the loss is."""
     return rows[part] / rows.supplied.where(rows.lost_fraction.notna())
-
-
-def _shares(axis: Axes, rows: Table, names: list[str]) -> None:
-    """Shares in contact and between impacts, a bar each in the line of its scheme."""
-    last = rows.groupby("scheme").tail(1).set_index("scheme").reindex(names)
-    for part, words, colour, place in PARTS:
-        share = _share(last, part)
-        bars = axis.barh(np.arange(len(names)) + place, (100.0 * share).clip(-MOST, MOST), 0.3, color=colour)
-        bars.set_label(words)
-        axis.bar_label(bars, [energy_share(x) for x in share], padding=3, fontsize=7.5, color="0.3")
-    axis.axvline(0.0, color="0.5", lw=0.9)
-    axis.margins(x=0.25)
-    name_lines(axis, [short(name) for name in names])

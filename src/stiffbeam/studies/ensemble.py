@@ -18,7 +18,7 @@ from scipy.stats import ttest_ind
 
 from ..basics.arrays import Array
 from ..basics.text import with_unit
-from ..figures.chart import Axes, Figure, lines, log_scale, look, name_lines, say_empty, shared_legend, short
+from ..figures.chart import Figure, lines, log_scale, look, name_lines, say_empty, shared_legend, short
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
 from ..measures.comparison import lost_fractions
@@ -95,61 +95,45 @@ class Ensemble(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """Impacts, time in contact, forces and energy of every method at each contact, against the exact ensemble."""
-        numbers = sorted(table.contact_number.dropna().unique())
-        answers = [self._of_contact(table[table.contact_number == n], case) for n in numbers]
-        if not len(answers[0].table):
-            return answers[0]
-        said = [each.verdict for each in answers]
-        if len(answers) > 1:
-            said = [f"at contact {n:g} {each}" for n, each in zip(numbers, said, strict=True)]
-        count = len(distribution(table[(table.method == "exact") & (table.contact_number == numbers[0])], "count"))
-        verdict = (
-            f"Over {count} members to t = {case.t_end:g} the exact solution has {'; '.join(said)}; dt = {case.dt:g}."
-        )
-        if len(answers) == 1:
-            return answers[0]._replace(verdict=verdict)
-        parts = [each.table.assign(at=f"  contact {n:g}") for n, each in zip(numbers, answers, strict=True)]
-        small, rows = pd.concat(parts).fillna(DASH), list[Row]()
-        of_run = [head for head in small if "lost" in head]
-        for _, one in small.groupby("method", sort=False):  # energies are of the run, the rest of its contacts
-            rows.append(one[["method", *of_run]].iloc[0].to_dict())
-            rows += one.drop(columns=["method", *of_run]).rename(columns={"at": "method"}).to_dict("records")
-        return Answer(verdict, pd.DataFrame(rows, columns=small.columns.drop("at")).fillna(""), answers[0].notes)
-
-    def _of_contact(self, table: Table, case: Case) -> Answer:
-        exact, units = distribution(table[table.method == "exact"], "count"), case.units
-        if not len(exact):
-            return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
-        small, means = list[Row](), dict[str, float]()
-        for method, rows in table.groupby("method", sort=False):
-            count, share, force, lost, had = (
-                distribution(rows, name) for name in ("count", "fraction", "peak_force", "energy_lost", "energy_had")
+        units, several, small, said = case.units, table.contact_number.nunique() > 1, list[Row](), list[str]()
+        exact = np.zeros(0)
+        for number, at in table.groupby("contact_number"):
+            true, means, place = (
+                at[at.method == "exact"],
+                dict[str, float](),
+                f" at contact {number:g}" if several else "",
             )
-            if len(lost) and np.max(np.abs(lost)) <= ROUNDING * np.mean(had):
-                lost = 0.0 * lost
-            if not len(count):
-                continue
-            off, interval = difference(count, exact)
-            if method != "exact":
-                means[str(method)] = float(np.mean(count))
-            line = {
-                "method": short(str(method)), "impacts": _spread(count),
-                "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
-                "contact, %": _spread(100 * share, 2),
-                with_unit(units, "largest force", "force"): _spread(force, 4),
-                with_unit(units, "energy lost", "energy"): _spread(lost),
-                "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) else DASH,
-            }  # fmt: skip
-            for _, row in rows[rows.kind == "summary"].iterrows():
-                line[with_unit(units, "median duration", "time")] = f"{row['median']:.2g}"
-                line[with_unit(units, "half-time duration", "time")] = f"{row['half_time']:.2g}"
-            small.append(line)
-        counted = f", schemes count {extremes(means, '{:.4g}'.format)}" if means else ""
+            exact = distribution(true, "count")
+            if not len(exact):
+                return Answer("No member of the exact solution reached the end: there is nothing to compare with.")
+            for method, rows in at.groupby("method", sort=False):
+                names = "count", "fraction", "peak_force", "energy_lost", "energy_had"
+                count, share, force, lost, had = (distribution(rows, name) for name in names)
+                if not len(count):
+                    continue
+                if len(lost) and np.max(np.abs(lost)) <= ROUNDING * np.mean(had):
+                    lost = 0.0 * lost
+                means |= {str(method): float(np.mean(count))} if method != "exact" else {}
+                off, interval = difference(count, exact)
+                line = {
+                    "method": short(str(method)) + place, "impacts": _spread(count),
+                    "off by": DASH if method == "exact" else f"{float(f'{off:.3g}'):+g} ± {interval:.2g}",
+                    "contact, %": _spread(100 * share, 2),
+                    with_unit(units, "largest force", "force"): _spread(force, 4),
+                    with_unit(units, "energy lost", "energy"): _spread(lost),
+                    "lost, %": _spread(100 * lost / np.mean(had)) if len(lost) else DASH,
+                }  # fmt: skip
+                for _, row in rows[rows.kind == "summary"].iterrows():
+                    line[with_unit(units, "median duration", "time")] = f"{row['median']:.2g}"
+                    line[with_unit(units, "half-time duration", "time")] = f"{row['half_time']:.2g}"
+                small.append(line)
+            share = percent(float(np.mean(distribution(true, "fraction"))))
+            said.append(f"{np.mean(exact):.4g} ± {np.std(exact):.2g} impacts{place}, in contact {share} of the time")
+            said[-1] += f", schemes count {extremes(means, '{:.4g}'.format)}" if means else ""
         over = f", of the first {LEDGERS} members" if len(exact) > LEDGERS else ""
-        share = percent(float(np.mean(distribution(table[table.method == "exact"], "fraction"))))
         return Answer(
-            f"{np.mean(exact):.4g} ± {np.std(exact):.2g} impacts and is in contact {share} of the time{counted}",
-            pd.DataFrame(small),
+            f"Over {len(exact)} members to t = {case.t_end:g} the exact solution has {'; '.join(said)}.",
+            pd.DataFrame(small).fillna(DASH),
             f"Members perturbed by {self.size:g}, dt = {case.dt:g}: mean ± standard deviation. Off by: difference of "
             "the means, ± with 95 %. Lost: numerical dissipation, as a share of the initial energy plus the work of "
             f"the loads{over}; – where dt does not resolve the dissipation of dampers, or where almost no energy is "
@@ -160,24 +144,24 @@ class Ensemble(Study):
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
         """Every member a dot in the line of its method and contact, the mean as a bar; distributions."""
         labels, several = table.attrs["labels"], table.contact_number.nunique() > 1
-        groups = [
-            (str(method), f" at contact {n:g}" if several else "", rows)
-            for (method, n), rows in table.groupby(["method", "contact_number"], sort=False)
-        ]
+        groups = list(table.groupby(["method", "contact_number"], sort=False))
         figure.set_figheight(max(8.6, 3.9 + 0.35 * len(groups)))
-        grid = figure.add_gridspec(2, 6)
-        end = f"{case.t_end:g}"
-        panels = [("count", 1.0, "impacts, member by member"), ("fraction", 100.0, "time in contact"),
+        grid, axis, jitter = figure.add_gridspec(2, 6), None, np.random.default_rng(0)
+        panels = [("count", 1.0, f"impacts to t = {case.t_end:g}"), ("fraction", 100.0, "time in contact"),
                   ("energy_lost", 1.0, f"energy lost, {min(LEDGERS, self.members)} members")]  # fmt: skip
-        axis = None
         for i, (name, scale, title) in enumerate(panels):
             axis = figure.add_subplot(grid[0, 2 * i : 2 * i + 2], sharey=axis)
-            _dots(axis, groups, name, scale)
+            for k, ((method, _), rows) in enumerate(groups):
+                values, colour = scale * distribution(rows, name), look(method)["color"]
+                axis.plot(values, k + jitter.uniform(-0.28, 0.28, len(values)), ".", ms=3, color=colour, alpha=0.45)
+                if len(values):
+                    axis.plot([np.mean(values)] * 2, [k - 0.38, k + 0.38], color=colour, lw=2.2)
+                if len(values) and method == "exact":
+                    axis.axvline(float(np.mean(values)), color="black", lw=0.9, ls=":")
+            name_lines(axis, [short(method) + (f" at contact {n:g}" if several else "") for (method, n), _ in groups])
             if name not in table or not table[name].notna().any():
                 axis.text(0.5, 0.5, "not known", transform=axis.transAxes, ha="center")
-            span = "" if name == "fraction" else f" to t = {end}"
-            text, quantity = self.labels[name]
-            axis.set(title=title, xlabel=with_unit(case.units, text + span, quantity))
+            axis.set(title=title, xlabel=labels[name])
             axis.tick_params(labelleft=not i)
             axis.locator_params(axis="x", nbins=4)
         for i, (name, title) in enumerate((("force", "peak forces of impacts"), ("duration", "durations of contacts"))):
@@ -185,14 +169,11 @@ class Ensemble(Study):
             drawn = table[table[name].notna()] if name in table else table[:0]
             if not len(drawn):
                 say_empty(axis, f"no {title} are known")
-            for k, (n, rows) in enumerate(drawn.groupby("contact_number")):
-                lines(axis, rows, name, "level", "method", marker="")
-                if several:
-                    at = rows.iloc[1 + 3 * k]  # at the foot of its lines, one contact above the other
-                    axis.annotate(f"at contact {n:g}", (at[name], at.level), xytext=(6, -3),
-                                  textcoords="offset points", fontsize=8)  # fmt: skip
+            for k, (_, rows) in enumerate(drawn.groupby("contact_number")):
+                lines(axis, rows, name, "level", "method", marker="", alpha=1.0 / (1.0 + k))
             log_scale(axis, y=False)
-            axis.set(title=title, xlabel=labels[name], ylabel=labels["level"] if i == 0 else "", ylim=(0.0, 1.0))
+            title += ", further contacts fainter" if several else ""
+            axis.set(title=title, xlabel=labels[name], ylabel="" if i else labels["level"], ylim=(0.0, 1.0))
         shared_legend(figure, 5)
 
 
@@ -235,19 +216,3 @@ def _spread(values: Array, digits: int = 3) -> str:
         return DASH
     mean, deviation = float(f"{np.mean(values):.{digits}g}"), float(f"{np.std(values):.2g}")
     return f"{mean:g} ± {deviation:g}" if deviation > 1e-6 * abs(mean) else f"all {mean:g}"
-
-
-def _dots(axis: Axes, groups: list[tuple[str, str, Table]], quantity: str, scale: float) -> None:
-    """Every member as a dot in its line, the mean as a bar, the exact mean right through."""
-    jitter = np.random.default_rng(0)
-    for i, (method, _, rows) in enumerate(groups):
-        values, colour = scale * distribution(rows, quantity), look(method)["color"]
-        if len(values):
-            heights, mean = i + jitter.uniform(-0.28, 0.28, len(values)), float(np.mean(values))
-            axis.plot(values, heights, ".", ms=3, color=colour, alpha=0.45)
-            axis.plot([mean, mean], [i - 0.38, i + 0.38], color=colour, lw=2.2)
-            if method == "exact":
-                axis.axvline(mean, color="black", lw=0.9, ls=":")
-    if quantity == "energy_lost":
-        axis.axvline(0.0, color="black", lw=0.9, ls=":")
-    name_lines(axis, [short(method) + place for method, place, _ in groups])

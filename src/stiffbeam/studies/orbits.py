@@ -49,8 +49,8 @@ Branch = list[tuple[float, Orbit]]
 class Orbits(Study):
     """Which periodic orbits are there over a parameter, stable or not, and where do they change?
 
-    The ``values`` of ``parameter`` are in the units of the case; by default they are ``count`` drive frequencies from
-    0.7 to 1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic.
+    The ``values`` of ``parameter`` are in the units of the case; by default they are 40 drive frequencies from 0.7 to
+    1.3 of the case's. Orbits are those of the exact solution, so stops must be linear and loads periodic.
     Limitation: a branch ends where it turns back, at a fold.
     """
 
@@ -60,17 +60,15 @@ class Orbits(Study):
     values: base.Values = option(None, base.VALUES)
     length: int = option(1, "periods of the drive after which the orbit repeats itself", least=1)
     form: str | None = option(*base.FORM)
-    count: int = option(40, "number of drive frequencies if no values are given", least=1)
 
     height: ClassVar = 8.8
 
     def points(self, case: Case) -> list[Row]:
         """The branch."""
-        period = drive_period(case.system(self.form), self.parameter)
+        period = drive_period(case.system(self.form))
         if period is None:
-            remedy = "drive it by one Harmonic, or name a parameter of one of several: loads[0].time.amplitude"
-            raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", remedy)
-        along = values_of(self.parameter, self.values, self.count, period)
+            raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", "use one Harmonic")
+        along = values_of(self.parameter, self.values, 40, period)
         if min(along) == max(along):
             raise InputError("values", along, "span a range", "for example 8:14:60")
         limits = [min(along), max(along)]
@@ -102,27 +100,22 @@ class Orbits(Study):
 
     def answer(self, table: Table, case: Case) -> Answer:
         """The values at which the orbit gains or loses its stability, where the branch ends, and a table of them."""
-        orbits, changes = (_of_kind(table, kind) for kind in ("orbit", "change"))
-        ends = [row["reason"] for row in _of_kind(table, "end")]
-        if not orbits:
-            return Answer(f"No orbit was found: {'; '.join(ends)}.")
-        name = self.parameter
-
-        def value(row: Row, digits: int) -> str:
-            return f"{row[name]:.{digits if row['located'] else 4}g}"
-
-        small = [{"bifurcation": row["what"], name: value(row, 10), "orbits": _said(row)} for row in changes]
-        said = "; ".join(
-            f"{row['what']} {'at' if row['located'] else 'near'} {value(row, 6)}: {_said(row)}"
-            for row in changes[:TOLD]
-        )
-        said += f"; {len(changes) - TOLD} more changes" if len(changes) > TOLD else ""
-        low, high = (pick(row[name] for row in orbits) for pick in (min, max))
+        orbits, changes, ends = (table[table.kind == kind] for kind in ("orbit", "change", "end"))
+        reasons = list(ends.reason) if len(ends) else []
+        if not len(orbits):
+            return Answer(f"No orbit was found: {'; '.join(reasons)}.")
+        name, small = self.parameter, list[Row]()
+        for _, row in changes.iterrows():
+            place = f"at {row[name]:.6g}" if row["located"] else f"near {row[name]:.4g}"
+            small.append({"bifurcation": row["what"], name: place, "orbits": row["sides"]})
+        said = "; ".join(f"{row['bifurcation']} {row[name]}: {row['orbits']}" for row in small[:TOLD])
+        said += f"; {len(small) - TOLD} more changes" if len(small) > TOLD else ""
+        span = f"{name} {orbits[name].min():g} to {orbits[name].max():g}"
         return Answer(
-            f"Orbits of {several(self.length, 'period')} over {name} {low:g} to {high:g}: "
-            f"{said or orbits[0]['stability'] + ' all along'}.",
+            f"Orbits of {several(self.length, 'period')} over {span}: "
+            f"{said or orbits.stability.iloc[0] + ' all along'}.",
             pd.DataFrame(small),
-            " ".join(f"The branch ends {reason}." for reason in ends),
+            " ".join(f"The branch ends {reason}." for reason in reasons),
         )
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:
@@ -149,11 +142,6 @@ class Orbits(Study):
             title="two leading multipliers", xlabel="real part", ylabel="imaginary part", xlim=(-1.8, 1.8),
             ylim=(-1.2, 1.2), aspect="equal",
         )  # fmt: skip
-
-
-def _of_kind(table: Table, kind: str) -> list[Row]:
-    rows = table[table.kind == kind]
-    return rows.dropna(axis="columns", how="all").to_dict("records")
 
 
 def _starts(make: Maker, values: Sequence[float]) -> Iterator[tuple[float, Orbit | str]]:
@@ -237,8 +225,9 @@ def _changes(make: Maker, branch: Branch) -> Iterator[tuple[float, Row]]:
         m = complex(known[value].multipliers[k])
         kind = "torus" if abs(m.imag) > 1e-6 else "flip" if m.real < 0.0 else "branching"
         kind = kind if abs(abs(m) - 1.0) < 0.05 else "grazing"
-        sides = {"below": _stability(one), "above": _stability(other)}
-        yield value, {"what": kind, "located": located, "tip": _tips(known[value], 1)[0]} | sides
+        below, above = _stability(one), _stability(other)
+        sides = f"{below} on both sides" if below == above else f"{below} below, {above} above"
+        yield value, {"what": kind, "located": located, "tip": _tips(known[value], 1)[0], "sides": sides}
 
 
 def _stability(orbit: Orbit) -> str:
@@ -260,8 +249,3 @@ def _rows(name: str, place: int, value: float, orbit: Orbit, length: int) -> lis
         "second_real": float(m[1].real), "second_imag": float(m[1].imag),
     }  # fmt: skip
     return [shared | {"phase": phase, "tip": tip} for phase, tip in enumerate(_tips(orbit, length))]
-
-
-def _said(row: Row) -> str:
-    below, above = row["below"], row["above"]
-    return f"{below} on both sides" if below == above else f"{below} below, {above} above"

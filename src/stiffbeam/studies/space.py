@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ..basics.validation import InputError
-from ..figures.chart import Axes, Figure, log_scale, mark_order, panel_legend, style_of
+from ..figures.chart import Figure, log_scale, mark_order, panel_legend, style_of
 from ..files.cases import Case
 from ..measures.errors import Order, impact_times, tip_error
 from ..measures.frequencies import steady_state, without_contact
@@ -112,28 +112,24 @@ class Space(Study):
         groups = [(TITLES[kind], table[table.kind == kind]) for kind in TITLES if kind in set(table.kind)]
         for form, group in table[table.kind == "contact"].groupby("form", sort=False):
             groups.append((f"first impacts, {form}, against {self.finest} cells", group))
+        labels = table.attrs["labels"]
         for place, (title, group) in enumerate(groups, 1):
             axis = figure.add_subplot((len(groups) + 1) // 2, min(2, len(groups)), place)
-            self._panel(axis, group, table.attrs["labels"])
-            axis.set_title(title)
-
-    def _panel(self, axis: Axes, group: Table, labels: dict[str, str]) -> None:
-        """A curve for every quantity and form; the colour tells the quantity, dashes the form."""
-        quantities, forms = list(group.quantity.unique()), list(group.form.unique())
-        for (quantity, form), order in orders(group).items():
-            mine = group[(group.quantity == quantity) & (group.form == form) & (group.error > 0.0)]
-            i, j = quantities.index(quantity), forms.index(form)
-            name = f"{quantity}, {form}" if len(forms) > 1 else quantity
-            slope = str(order) if np.isfinite(order.slope) else "too few grids"
-            style: Any = style_of(i, j) if len(quantities) > 1 else style_of(j, j)
-            axis.plot(1.0 / mine.cells, mine.error, label=f"{name}: {slope}", lw=1.1, ms=4.5, **style)
-        log_scale(axis)
-        cells = sorted(group.cells.unique())
-        axis.set_xticks([1.0 / n for n in cells], [f"1/{n}" for n in cells], fontsize=8.5)
-        axis.minorticks_off()
-        axis.set(xlabel=labels["width"], ylabel=labels["error"])
-        mark_order(axis, (2, 1))
-        panel_legend(axis)
+            quantities, forms = list(group.quantity.unique()), list(group.form.unique())
+            for (quantity, form), order in orders(group).items():  # the colour tells the quantity, dashes the form
+                mine = group[(group.quantity == quantity) & (group.form == form) & (group.error > 0.0)]
+                i, j = quantities.index(quantity), forms.index(form)
+                name = f"{quantity}, {form}" if len(forms) > 1 else quantity
+                slope = str(order) if np.isfinite(order.slope) else "too few grids"
+                style: Any = style_of(i, j) if len(quantities) > 1 else style_of(j, j)
+                axis.plot(1.0 / mine.cells, mine.error, label=f"{name}: {slope}", lw=1.1, ms=4.5, **style)
+            log_scale(axis)
+            cells = sorted(group.cells.unique())
+            axis.set_xticks([1.0 / n for n in cells], [f"1/{n}" for n in cells], fontsize=8.5)
+            axis.minorticks_off()
+            axis.set(title=title, xlabel=labels["width"], ylabel=labels["error"])
+            mark_order(axis, (2, 1))
+            panel_legend(axis)
 
 
 def orders(table: Table) -> dict[tuple[str, str], Order]:

@@ -77,10 +77,6 @@ class SolverFailure(_Stopped):
     joints = " stopped at t = ", ": ", "; "
 
 
-class Unfinished(RuntimeError):
-    """Work on several processes or machines that stopped half-way. The message gives the reason and a fix."""
-
-
 @dataclass(frozen=True)
 class Work:
     """Cost of a run. steps: of a scheme, 0 for a reference. seconds: processor time without compilation, wall time for
