@@ -260,9 +260,9 @@ class Trajectory(Saved):
         """Draw displacement, contact forces, phase portrait and energy, and return the matplotlib Figure."""
         return DRAW["run"](self)
 
-    def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
-        """Write a film, .gif or .mp4, of this run and runs ``beside`` it; options: ``figures.animation.animate``."""
-        return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, **options)
+    def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), frames: int = 160) -> Path:
+        """Write a film, .gif or .mp4 with 20 ``frames`` per second, of this run and runs ``beside`` it."""
+        return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, frames)
 
 
 def _travels(value: Any) -> bool:
