@@ -236,7 +236,7 @@ def compare(
                 written.append(_draw(result, folder))
         finally:  # an interrupt loses only what is running
             if written:
-                written.append(write_whole(folder / "comparison.txt", f"{result.report()}\n"))
+                written.append(write_whole(folder / "comparison.txt", f"{result.report().text()}\n"))
                 records = result.to_dict() | {"files": [path.name for path in written]}
                 written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))
     records = result.to_dict() | {"files": [path.name for path in written]}
@@ -258,7 +258,7 @@ def _follow(
     told, solvers = -1, set(schemes or ()) & set(REFERENCES)  # failures that the tables have told
 
     def tables() -> int:
-        tell(f"\n{result.report()}")
+        tell(f"\n{result.report().text()}")
         if any(c.steps and min(c.window, c.matched_until) < c.t_end * (1 - 1e-9) for c in result.comparisons):
             command = f"stiffbeam ensemble {shlex.quote(case)}"
             tell(f"\nStatistics of many runs, past where the motions part: {command}")

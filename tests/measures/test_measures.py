@@ -93,7 +93,6 @@ def test_matching_pairs_impacts_in_order_until_the_first_that_does_not_fit():
     assert (same.matched, same.matched_until, same.median_delay) == (4, 5.0, 0.0)
     late = match(impacts([1.1, 2.1, 2.45, 4.1], [1, -1, 1, -1]), reference, 5.0)
     assert late.matched == 4
-    assert late.first_error == pytest.approx(0.1)
     assert late.median_delay == pytest.approx(0.1)
     # the second may be off by half the gap of 0.4 to the third, no more
     assert match(impacts([1.0, 2.21, 2.45], [1, -1, 1]), reference, 5.0).matched_until == 2.0
@@ -106,7 +105,7 @@ def test_matching_pairs_impacts_in_order_until_the_first_that_does_not_fit():
     assert match(impacts([18.2], [1]), impacts([2.65], [1]), 40.0, longest=np.pi / 2).matched_until == 2.65
     nothing = match(impacts([], []), impacts([], []), 2.0)
     assert (nothing.matched, nothing.matched_until) == (0, 2.0)
-    assert np.isnan(nothing.first_error)
+    assert np.isnan(nothing.median_delay)
 
 
 @pytest.mark.parametrize("bound", ["lower", "upper"])
@@ -338,15 +337,12 @@ def test_runs_are_pictures_and_what_is_said_of_them_is_a_table_in_a_notebook():
 
 
 def test_a_reaction_of_a_rigid_stop_is_no_force_of_an_impact():
-    """Its mean over a step grows like 1/dt: the axis states it, and the title has the impulse."""
+    """Its mean over a step grows like 1/dt: the axis states it."""
     system = one_mass(100.0, sb.Stops(upper=0.5, stiffness=np.inf, restitution=0.8), v=10.0)
     run, exact = sb.integrate(system, sb.MoreauJean(), 1e-3, 1.0), sb.reference(system, 1.0)
     for thing, label in ((run, "mean per step"), (exact, "without impulses")):
         figure = thing.plot()
         assert figure.axes[1].get_ylabel().endswith(label)
-        largest = np.nanmax(thing.impacts.impulses)
-        assert f"{thing.impacts.count} impacts, largest impulse {largest:.4g}" in figure.get_suptitle()
-        assert "contact force" not in figure.get_suptitle()
 
 
 @pytest.mark.slow
@@ -476,7 +472,7 @@ def test_the_table_leaves_out_the_contacts_that_nothing_touches():
     free = row_of_masses((9.0, 9.0))
     lines = str(sb.compare(sb.integrate(free, sb.Trapezoidal(), 1e-3, 4.0), sb.reference(free, 4.0))).splitlines()
     assert not any("contact 0" in line or "Never touched" in line for line in lines)
-    assert any(line.startswith("exact (reference)") and line.split()[-3:] == ["0", "0", "%"] for line in lines)
+    assert lines[0] == "No impacts: the motion reaches no stop to t = 4."
 
 
 def test_a_solver_that_ends_early_cuts_no_other_error_short():

@@ -124,13 +124,11 @@ class Matching:
     A pair holds if both hit the same stop and |t_run - t_ref| is less than half the smaller gap to the
     neighbouring reference impacts, and no more than ``longest_delay``. matched_until: the reference time of
     the first pair that does not hold, the time of an impact without a partner, or the window.
-    first_error: t_run - t_ref of the first pair; median_delay: of all pairs that hold; > 0 means late, NaN
-    where there is no pair.
+    median_delay: the median of t_run - t_ref over all pairs that hold; > 0 means late, NaN where there is no pair.
     """
 
     matched: int
     matched_until: float
-    first_error: float
     median_delay: float
 
 
@@ -156,7 +154,6 @@ def match(run: Impacts, reference: Impacts, window: float, longest: float = np.i
     return Matching(
         matched=len(inside),
         matched_until=min(window, *alone.tolist()) if len(alone) else window,
-        first_error=float(delay[0]) if n and times[0] <= window else float("nan"),
         median_delay=float(np.median(inside)) if len(inside) else float("nan"),
     )
 
