@@ -158,7 +158,6 @@ class Scorecard(Reported):
                 "order": f"{e.order_of}: {e.order}".removeprefix("tip: ") if np.isfinite(e.order.interval) else "",
                 "expected": f"{e.expected:.3g}" if np.isfinite(e.expected) else "",
                 **{name: _number(abs(e.best.get(column, np.nan))) for column, name in QUANTITIES.items()},
-                "impacts": _impacts(e),
                 "outcome": e.outcome,
             }
             for e in self.entries
@@ -178,16 +177,15 @@ class Scorecard(Reported):
         head = "Errors are those of the finest run; of the tip the rms over its largest displacement."
         if len(self.integrators) > 1:
             head = f"Tip error of the finest run. !: see below. {DASH}: {NOT_TAKEN}."
-        rows: Any = pd.DataFrame(
-            [(short(e.integrator), e.problem.name, e.outcome, e.reason,
-              e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason)
-             for e in sorted(self.entries, key=lambda e: not e.flagged) if e.reason],
-            columns=["who", "on", "outcome", "reason", "alike"],
-        )  # fmt: skip
-        for name, other in (("on", "who"), ("who", "on")):
-            groups = rows.groupby([other, "outcome", "alike"], sort=False, as_index=False)
-            rows = groups.agg({name: ", ".join, "reason": "first"})
-        notes = [f"{x.who} on {x.on}: {x.outcome}, {x.reason}" for x in rows.itertuples()]
+        alike: dict[tuple[str, ...], list[Entry]] = {}
+        for e in sorted((e for e in self.entries if e.reason), key=lambda e: not e.flagged):
+            # Refusals name the value of the problem, which is another one in each.
+            reason = e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason
+            alike.setdefault((e.integrator, e.outcome, reason), []).append(e)
+        notes = [
+            f"{short(each[0].integrator)} on {', '.join(e.problem.name for e in each)}: {outcome}, {each[0].reason}"
+            for (_, outcome, _), each in alike.items()
+        ]
         return Report([f"{who}: {self.summary()}"], [("", self.table())], [head, *notes])
 
     def __repr__(self) -> str:
@@ -195,22 +193,17 @@ class Scorecard(Reported):
         return f"<Scorecard: {', '.join(counts)}, {len(self.flagged)} flagged>"
 
     def figure(self, problem: str) -> Figure:
-        """Errors of tip and impact times on a problem over the cost."""
-        entries = [e for e in self.entries if e.problem.name == problem]
-        figure = chart.new_figure(3.6, entries[0].problem.title)
-        left, right = figure.subplots(1, 2)
-        for e in (e for e in entries if e.runs):
-            for axis, column in ((left, "tip_error"), (right, "impact_time_error")):
-                errors = np.maximum([abs(run[column]) for run in e.runs], 1e-16)
-                style = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
-                axis.plot([run["cost"] for run in e.runs], errors, **style, label=short(e.integrator))
-        for axis, label in ((left, "rms error of u over max |u|"), (right, "largest error of impact times")):
-            axis.set(xlabel="stages, or right-hand sides", ylabel=label)
-            if any(np.any(np.isfinite(np.asarray(line.get_ydata(), float))) for line in axis.lines):
-                chart.log_scale(axis)
-            else:
-                chart.say_empty(axis, "no impact times are known")
-        chart.mark_order(left, [-2.0], y=0.95)  # errors fall to the right: above them is room
+        """Error of the tip on a problem over the cost."""
+        entries = [e for e in self.entries if e.problem.name == problem and e.runs]
+        figure = chart.new_figure(4.2, entries[0].problem.title, width=7.0)
+        axis = figure.subplots()
+        for e in entries:
+            errors = np.maximum([run["tip_error"] for run in e.runs], 1e-16)
+            style = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
+            axis.plot([run["cost"] for run in e.runs], errors, **style, label=short(e.integrator))
+        axis.set(xlabel="stages, or right-hand sides", ylabel="rms error of u over max |u|")
+        chart.log_scale(axis)
+        chart.mark_order(axis, [-2.0], y=0.95)  # errors fall to the right: above them is room
         chart.shared_legend(figure, 6)
         return figure
 
@@ -229,13 +222,6 @@ class Scorecard(Reported):
 def _number(x: float) -> str:
     """An error with two digits, empty if it is not known."""
     return "" if not np.isfinite(x) else "0" if x == 0.0 else f"{x:.1e}"
-
-
-def _impacts(e: Entry) -> str:
-    if e.best.get("impacts", -1) < 0 or "impacts" not in e.problem.answers:
-        return ""
-    more = "∞" if "accumulation" in e.problem.answers else len(e.problem.answers["impacts"].digits)
-    return f"{e.best['impacts']} of {more}"
 
 
 def score(
