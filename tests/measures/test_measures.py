@@ -330,7 +330,7 @@ def test_runs_are_pictures_and_what_is_said_of_them_is_a_table_in_a_notebook():
     comparison = sb.compare(run, reference)
     assert cells(comparison)
     figure = comparison.figure()
-    assert figure.axes[0].get_title(loc="left").startswith("(a) displacement of row 0 to t = ")
+    assert figure.axes[0].get_title(loc="left").startswith("(a) displacement to t = ")
     # Of matrices no tip is known.
     assert "tip" not in f"{comparison} {comparison!r} {comparison.to_latex()} {figure.get_suptitle()}"
     assert cells(sb.score([sb.HHT(-0.1)], ["mass-on-a-stop"]))

@@ -250,10 +250,7 @@ def finish(figure: Figure, title: str) -> None:
     """
     from matplotlib.ticker import AutoLocator
 
-    width = len(title) // -(-len(title) // LINE) + 8  # lines of about one length
-    # No line begins with the % of a number or with an equals sign.
-    held = title.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
-    figure.suptitle(textwrap.fill(held, width, break_on_hyphens=False).replace("\u00a0", " "), fontsize=11)
+    figure.suptitle(textwrap.fill(title, LINE, break_on_hyphens=False), fontsize=11)
     panels = [axis for axis in figure.axes if axis.get_label() != "<colorbar>"]
     for letter, axis in zip(ascii_letters, panels, strict=False):
         name = f"({letter}) " * (len(panels) > 1) + axis.get_title(loc="center")

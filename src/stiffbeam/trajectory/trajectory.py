@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
@@ -162,20 +161,6 @@ class Trajectory(Saved):
         unknown = float("nan")
         return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """The state that can be sent to another process: functions of the solver cannot.
-
-        Energy and states at the output times are made before, and sent themselves.
-        """
-        state = dict(self.__dict__)
-        substitutes = {"ledger": "energy", "pieces": "states", "state_at": "states"}
-        for name in (*substitutes, "evaluate", "derive", "solution"):
-            if state.get(name) is not None and not _travels(state[name]):
-                state[name] = None
-                if name in substitutes:
-                    state[substitutes[name]] = getattr(self, substitutes[name])
-        return state
-
     def __repr__(self) -> str:
         end = f"{self.t[-1]:g}"
         impacts = several(sum(c.impacts.count for c in self.contacts), "impact")
@@ -265,15 +250,6 @@ class Trajectory(Saved):
         return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, frames)
 
 
-def _travels(value: Any) -> bool:
-    """Return True if the object can be sent to another process."""
-    try:
-        pickle.dumps(value)
-    except Exception:  # whatever the objects of others raise when they are pickled
-        return False
-    return True
-
-
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Reference(Trajectory):
     """A Trajectory with the time to which it is reliable, and, of some solvers, values between its outputs.
@@ -327,7 +303,7 @@ class Reference(Trajectory):
         t = self._times(t)
         if contact is not None:
             self._contact(contact)
-        if self.evaluate is None:  # a copy from another process has its outputs
+        if self.evaluate is None:  # a loaded one has its outputs
             index = output_index(self.t, t, self.provenance["method"])
             if contact is None:
                 return self.tip[index], self.tip_velocity[index]
