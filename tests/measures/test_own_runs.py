@@ -220,7 +220,7 @@ def test_a_run_of_ones_own_travels_and_is_saved(measured, tmp_path):
     assert np.array_equal(again.tip, run.tip)
     assert sb.compare(again, ref).tip_error_rms == sb.compare(run, ref).tip_error_rms
     for quantity in ("energy", "states"):
-        with pytest.raises(sb.InputError, match="without states"):
+        with pytest.raises(sb.InputError, match="pass q and v"):
             getattr(own, quantity)
 
 
@@ -264,9 +264,8 @@ def test_the_refusal_of_another_system_says_what_differs(change, differs):
         for problem, cells in ((given, 8), (given | change, 8 if change else 6))
     )
     run, exact = sb.integrate(one, sb.HHT(), 1e-3, 0.01), sb.reference(other, 0.01)
-    with pytest.raises(sb.InputError, match=f"same system as .*; they differ in: {differs}") as caught:
+    with pytest.raises(sb.InputError, match=f"same system as .*; they differ in: {differs}"):
         sb.compare(run, exact)
-    assert ("decimal" in str(caught.value)) == ("exact" in differs)
 
 
 def test_the_only_unknown_is_the_tip_and_its_arrays_are_states():
@@ -281,11 +280,11 @@ def test_the_only_unknown_is_the_tip_and_its_arrays_are_states():
         assert np.allclose(run.energy.energy, 0.5 * (v**2 + 9.0 * q**2))
 
 
-def test_what_compare_cannot_take_comes_with_its_own_remedy(measured):
+def test_what_compare_cannot_take_comes_with_a_remedy(measured):
     _, run, ref = measured
     for wrong, words in (
-        ("run.csv", r"sb\.load reads a saved run"),
-        (np.column_stack([run.t, run.tip]), r"put the arrays into a list: \[t, tip\]"),
+        ("run.csv", r"load\(\) reads a saved run"),
+        (np.column_stack([run.t, run.tip]), r"its arrays \[t, tip\]"),
         ([1e6 * run.t, run.tip], "times in the unit of the reference"),
     ):
         with pytest.raises(sb.InputError, match=words):

@@ -103,9 +103,7 @@ def position_label(system: System, contact: int) -> str:
     """Label of the position at a contact, with its unit."""
     if system.reads_tip(contact):
         return tip_label(system)
-    moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
-    name = f"{'displacement relative to the moving stop' if moving else 'position'} at {contact_name(system, contact)}"
-    return with_unit(system.units, name, "length")
+    return with_unit(system.units, f"position between the stops of {contact_name(system, contact)}", "length")
 
 
 def _curves(

@@ -199,8 +199,8 @@ class Scorecard(Reported):
         axis = figure.subplots()
         for e in entries:
             errors = np.maximum([run["tip_error"] for run in e.runs], 1e-16)
-            style = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
-            axis.plot([run["cost"] for run in e.runs], errors, **style, label=short(e.integrator))
+            style: Any = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
+            axis.plot([run["cost"] for run in e.runs], errors, label=short(e.integrator), **style)
         axis.set(xlabel="stages, or right-hand sides", ylabel="rms error of u over max |u|")
         chart.log_scale(axis)
         chart.mark_order(axis, [-2.0], y=0.95)  # errors fall to the right: above them is room
@@ -525,7 +525,7 @@ def _energy(problem: Problem, run: Trajectory) -> float:
         return NAN
     last = int(np.argmin(np.abs(run.t - problem.t_end)))
     q, v = (x[last] for x in run.states)
-    energy = float(sum(system.free_energies(q, v) if problem.rigid else system.energies(run.t[last], q, v)))
+    energy = float(sum(system.free_energies(q, v) if system.rigid else system.energies(run.t[last], q, v)))
     return (energy - problem.answers["energy"].value) / problem.answers["energy_scale"].value
 
 

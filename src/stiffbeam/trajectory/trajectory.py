@@ -17,7 +17,7 @@ from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.text import DRAW, sentence, several
 from ..basics.validation import InputError, integer, numbers, positive, sequence
-from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_record
+from .recorder import run_fields, sampled_record
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
 from .schema import Saved, output_index
 
@@ -204,8 +204,8 @@ class Trajectory(Saved):
 
     @property
     def _source(self) -> str:
-        """Source of a run without states."""
-        return NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+        """Source of a run that lacks states or reactions."""
+        return "arrays" if self.provenance.get("source") == "arrays" else "a loaded file"
 
     @property
     def has_energy(self) -> bool:
@@ -217,9 +217,8 @@ class Trajectory(Saved):
         """Energy balance at the output times; that of a scheme is summed over every step. Raises Diverged if an energy
         is beyond float64 although the motion is not."""
         if self.ledger is None:
-            if self.pieces is not None:
-                raise InputError("energy", NO_REACTIONS, "be that of a run with them", "use integrate")
-            raise InputError("energy", self._source, "have been saved with the run", "run it again, with its states")
+            rule = "come from a run with states and the reactions of rigid stops"
+            raise InputError("energy", self._source, rule, "integrate again, or pass q and v")
         ledger = self.ledger()
         finite = np.all([np.isfinite(getattr(ledger, column.name)) for column in fields(ledger)], axis=0)
         if not np.all(finite):
