@@ -207,12 +207,10 @@ def heading(case: Case, text: str) -> str:
 
 
 def tip_text(problem: BeamProblem | None, quantity: str = "", t: str = "t") -> str:
-    """Name, quantity and symbol of the observed displacement: u(1, t) as in the paper, u(L, t) of a beam that is not of
-    length 1, mid-span u(L/2, t) where its end is held, u(t) of matrices."""
-    name, place = point_name(problem), ""
-    if problem is not None:
-        end = "1" if problem.length == 1.0 and not problem.units else "L"
-        place = f"{end}, " if name == "tip" else f"{end}/2, "
+    """Name, quantity and symbol of the observed displacement: u(L, t) of a beam, mid-span u(L/2, t) where its end is
+    held, u(t) of matrices."""
+    name = point_name(problem)
+    place = {"": "", "tip": "L, ", "mid-span": "L/2, "}[name]
     return " ".join(filter(None, [name, quantity, f"$u({place}{t})$"]))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 from ..basics.arrays import Array
 from ..basics.resources import Show, working
 from ..basics.storage import write_whole
-from ..basics.text import plain, several
+from ..basics.text import plain
 from ..basics.validation import InputError, sequence
 from ..figures import chart
 from ..figures.chart import Figure
@@ -121,11 +122,6 @@ class Scorecard(Reported):
         """The names of the integrators, in the order of the entries."""
         return list(dict.fromkeys(entry.integrator for entry in self.entries))
 
-    @property
-    def problems(self) -> list[Problem]:
-        """The problems, in the order of the entries."""
-        return list({entry.problem.name: entry.problem for entry in self.entries}.values())
-
     def entry(self, integrator: str, problem: str) -> Entry:
         """One entry by integrator and problem; KeyError if there is none."""
         return {(e.integrator, e.problem.name): e for e in self.entries}[integrator, problem]
@@ -143,14 +139,16 @@ class Scorecard(Reported):
 
     def summary(self) -> str:
         """Number of entries for each outcome, as a sentence."""
-        outcomes = [e.outcome for e in self.entries]
-        order = (CONVERGES, NOT_JUDGED, LOW_ORDER, MISSED, STAYS, FAILED, NOT_TAKEN)
-        return ", ".join(f"{outcomes.count(x)} {x}" for x in order if x in outcomes)
+        outcomes = Counter(e.outcome for e in self.entries)
+        return ", ".join(f"{count} {outcome}" for outcome, count in outcomes.most_common())
 
     def table(self) -> pd.DataFrame:
         """Texts to print: of one integrator all errors, of several the tip error of each, by problem."""
         if len(self.integrators) > 1:
-            cells = {short(name): {p.name: self._cell(name, p) for p in self.problems} for name in self.integrators}
+            cells: dict[str, dict[str, str]] = {short(name): {} for name in self.integrators}
+            for e in self.entries:
+                known = _number(e.best.get("tip_error", np.nan)) + " !" * e.flagged
+                cells[short(e.integrator)][e.problem.name] = FAILED if e.outcome == FAILED else known or DASH
             return pd.DataFrame(cells).rename_axis("problem").reset_index()
         lines = [
             {
@@ -164,12 +162,6 @@ class Scorecard(Reported):
         ]
         table: Any = pd.DataFrame(lines)
         return table[[x for x in table if x in ("problem", "outcome") or any(table[x] != "")]]
-
-    def _cell(self, name: str, of: Problem) -> str:
-        entry = self.entry(name, of.name)
-        if entry.outcome in (FAILED, NOT_TAKEN):
-            return FAILED if entry.outcome == FAILED else DASH
-        return _number(entry.best["tip_error"]) + (" !" if entry.flagged else "")
 
     def report(self) -> Report:
         """The summary, the table, and every reason, once for all problems and integrators that share it."""
@@ -189,8 +181,7 @@ class Scorecard(Reported):
         return Report([f"{who}: {self.summary()}"], [("", self.table())], [head, *notes])
 
     def __repr__(self) -> str:
-        counts = several(len(self.integrators), "integrator"), several(len(self.problems), "problem")
-        return f"<Scorecard: {', '.join(counts)}, {len(self.flagged)} flagged>"
+        return f"<Scorecard of {', '.join(self.integrators)}: {self.summary()}>"
 
     def figure(self, problem: str) -> Figure:
         """Error of the tip on a problem over the cost."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
@@ -161,6 +162,18 @@ class Trajectory(Saved):
         unknown = float("nan")
         return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The state that can be sent to another process: in place of a solver's functions their outputs."""
+        state, sources = dict(vars(self)), {"ledger": "energy", "pieces": "states", "state_at": "states"}
+        for name in sources.keys() | state.keys() & {"evaluate", "derive", "solution"}:
+            try:
+                pickle.dumps(state.get(name))
+            except Exception:  # whatever the objects of others raise when they are pickled
+                state[name] = None
+                if name in sources:
+                    state[sources[name]] = getattr(self, sources[name])
+        return state
+
     def __repr__(self) -> str:
         end = f"{self.t[-1]:g}"
         impacts = several(sum(c.impacts.count for c in self.contacts), "impact")
@@ -300,9 +313,10 @@ class Reference(Trajectory):
     def at(self, t: ArrayLike, contact: int | None = None) -> tuple[Array, Array]:
         """(tip, tip velocity) at any times in [0, t_end], or position and velocity of a contact."""
         t = self._times(t)
-        if contact is not None:
-            self._contact(contact)
-        if self.evaluate is None:  # a loaded one has its outputs
+        if contact is not None and integer("contact", contact, 0) >= len(self.contacts):
+            remedy = f"0 to {len(self.contacts) - 1}" if self.contacts else "leave it out for the tip"
+            raise InputError("contact", contact, "be the number of a contact", remedy)
+        if self.evaluate is None:  # a copy from another process has its outputs
             index = output_index(self.t, t, self.provenance["method"])
             if contact is None:
                 return self.tip[index], self.tip_velocity[index]
@@ -374,17 +388,8 @@ class Reference(Trajectory):
         size = 3.0 if self.system is None else 2.0 * self.system.size
         afford("dt", dt, "give a larger dt", floats=size * end / dt)
         steps = int(np.floor(end / dt * (1 + 1e-12)))
-        if not self.contacts:
-            return Impacts.at([], [], "sampled")
-        self._contact(contact)
         t = np.arange(steps + 1) * dt
         return sampled_record(t, *self.at(t, contact=contact), self.contacts[contact].stops).impacts
-
-    def _contact(self, contact: int) -> None:
-        """Refuse the number of a contact that is not there."""
-        if integer("contact", contact, 0) >= len(self.contacts):
-            remedy = f"0 to {len(self.contacts) - 1}" if self.contacts else "leave it out for the tip"
-            raise InputError("contact", contact, "be the number of a contact", remedy)
 
     @cached_property
     def states(self) -> tuple[Array, Array]:
