@@ -16,7 +16,7 @@ from ..model.contact import Stops, channel_motion
 from ..model.modes import Modes
 from ..model.system import System
 from ..model.time_functions import evaluate
-from .schema import IMPACT_FIELDS, frame_of
+from .schema import IMPACT_FIELDS
 
 if TYPE_CHECKING:
     import pandas
@@ -143,9 +143,11 @@ class Impacts:
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each impact: ``impact_time`` to ``impact_impulse``, ``impact_open_at_start`` for the contact
         at t = 0."""
+        import pandas
+
         rows, flags = self.listed()
-        columns = {name: (("impact",), getattr(rows, field)) for field, name in IMPACT_FIELDS.items()}
-        return frame_of(columns | {"impact_open_at_start": (("impact",), flags)}, "impact")
+        columns = {name: getattr(rows, field) for field, name in IMPACT_FIELDS.items()}
+        return pandas.DataFrame(columns | {"impact_open_at_start": flags}).rename_axis("impact")
 
 
 @dataclass(frozen=True, eq=False)

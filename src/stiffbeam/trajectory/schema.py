@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 FORMAT = 4  # of files
 CONVENTIONS = "CF-1.11"
-SUFFIXES = (".nc", ".csv", ".json")
 
 VARIABLES = {  # name: quantity, from which the unit follows, see ``Units``, "" for none; meaning
     "time": ("time", "time"),
@@ -141,26 +140,6 @@ def notes_of(name: str, units: Units) -> dict[str, str]:
     return {"long_name": long_name} | ({"units": unit} if unit else {})
 
 
-def frame_of(values: Values, index: str, units: Units | None = None, **attributes: Any) -> pandas.DataFrame:
-    """The table with one row for each entry of the dimension ``index``: a column for each variable along it, and
-    ``contact_force_0``, ``contact_force_1`` for one that every contact has. attrs: units by column, and more."""
-    import pandas
-
-    columns: dict[str, Any] = {}
-    unit: dict[str, str] = {}
-    for name, (dims, array) in values.items():
-        each = {name: array} if dims == (index,) else {}
-        # A column for every contact.
-        if len(dims) == 2 and set(dims) == {"contact", index}:
-            each = {f"{name}_{i}": row for i, row in enumerate(array)}
-        columns |= each
-        if units is not None and name in BY_NAME:
-            unit |= dict.fromkeys(each, notes_of(name, units).get("units", ""))
-    frame = pandas.DataFrame(columns)
-    frame.attrs.update(attributes | ({"units": unit} if units is not None else {}))
-    return frame.set_index(index) if index in columns else frame.rename_axis(index)
-
-
 def dataset_of(result: Any, x: Any = None) -> xarray.Dataset:
     """All variables of a run or an ensemble with their attributes; the provenance is an attribute of the whole."""
     import xarray
@@ -208,12 +187,17 @@ class Saved:
 
         Of a run: tip, tip_velocity, ``contact_force_0`` and so on of every contact, and the energies if the run has an
         energy balance. Of an ensemble: the varied parameter by its name where it is a number, ``diverged``, and
-        ``impact_count_0``, ``contact_fraction_0``, ... of every contact. Units and provenance in ``attrs``.
+        ``impact_count_0``, ``contact_fraction_0``, ... of every contact.
         """
-        notes = {"provenance": self.provenance}
-        if self.kind != "ensemble":
-            return frame_of(values_of(self), "time", self.units, **notes)
-        return frame_of(values_of(self), "member", self.units, parameter=self.members.parameter, **notes)
+        import pandas
+
+        index, columns = "member" if self.kind == "ensemble" else "time", dict[str, Any]()
+        for name, (dims, array) in values_of(self).items():
+            if dims == (index,):
+                columns[name] = array
+            elif len(dims) == 2 and set(dims) == {"contact", index}:
+                columns |= {f"{name}_{i}": row for i, row in enumerate(array)}
+        return pandas.DataFrame(columns).set_index(index)
 
     def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
         """All variables as an xarray.Dataset with units, provenance as attributes; of a run, with positions x along the
@@ -223,20 +207,16 @@ class Saved:
     def save(self: Any, file: str | Path) -> Path:
         """Write it in the format that the suffix names; an interrupted write leaves no file.
 
-        .nc: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .json: the same, in the layout of
-        ``xarray.Dataset.to_dict``. .csv: ``to_dataframe()``, a line for each output time or member; impacts have a
-        table of their own, ``run.impacts.to_dataframe()``. Raises InputError for any other suffix.
+        .nc: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .csv: ``to_dataframe()``, a line for each
+        output time or member; impacts have a table of their own, ``run.impacts.to_dataframe()``. Raises InputError for
+        any other suffix.
         """
         suffix = file_path("file", file, 'for example "run.nc"').suffix.lower()
-        if suffix not in SUFFIXES:
-            remedy = f"name it {Path(file).stem}.nc"
-            raise InputError("file", str(file), f"end in {' or '.join(SUFFIXES)}", remedy)
         if suffix == ".csv":
             return write_whole(file, self.to_dataframe().to_csv())
-        data = dataset_of(self)
-        if suffix == ".json":
-            return write_whole(file, json.dumps(plain(data.to_dict()), allow_nan=False) + "\n")
-        return write_netcdf(data, file, compression=4 if self.kind == "ensemble" else 0)
+        if suffix != ".nc":
+            raise InputError("file", str(file), "end in .nc or .csv", f"name it {Path(file).stem}.nc")
+        return write_netcdf(dataset_of(self), file, compression=4 if self.kind == "ensemble" else 0)
 
 
 GIVEN_TIMES = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"
