@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array
 from ..basics.storage import content_hash, write_netcdf, write_whole
 from ..basics.text import Units, plain, unit_of
 from ..basics.validation import InputError, file_path, numbers
@@ -140,32 +139,6 @@ def notes_of(name: str, units: Units) -> dict[str, str]:
     return {"long_name": long_name} | ({"units": unit} if unit else {})
 
 
-def dataset_of(result: Any, x: Any = None) -> xarray.Dataset:
-    """All variables of a run or an ensemble with their attributes; the provenance is an attribute of the whole."""
-    import xarray
-
-    values = values_of(result, x)
-    data = {name: (dims, array, notes_of(name, result.units)) for name, (dims, array) in values.items()}
-    attributes: dict[str, Any] = {
-        "Conventions": CONVENTIONS,
-        "title": f"stiffbeam {result.kind}: {result.label}",
-        "source": f"stiffbeam {result.provenance.get('stiffbeam', '')}".strip(),
-        "stiffbeam_format": FORMAT,
-        "kind": result.kind,
-        "fingerprint": result.fingerprint,
-        "provenance": json.dumps(plain(result.provenance)),
-        "work": json.dumps(asdict(result.work)),
-        "stops": json.dumps([stops.data for stops in result.stops]),
-        "impact_kind": ",".join(c.impacts.kind for c in result.contacts) or "none",
-    }
-    attributes |= {"horizon": result.horizon} if result.kind == "reference" else {}
-    attributes |= {"parameter": result.members.parameter} if result.kind == "ensemble" else {}
-    coordinates = [name for name in data if name not in VARIABLES]
-    dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
-    dataset.attrs["hash"] = content_hash(dataset)
-    return dataset
-
-
 class Saved:
     """Label, units and files of a run or an ensemble."""
 
@@ -199,10 +172,31 @@ class Saved:
                 columns |= {f"{name}_{i}": row for i, row in enumerate(array)}
         return pandas.DataFrame(columns).set_index(index)
 
-    def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
+    def to_xarray(self: Any, x: ArrayLike | None = None) -> xarray.Dataset:
         """All variables as an xarray.Dataset with units, provenance as attributes; of a run, with positions x along the
         beam, also displacement(time, x) and velocity(time, x)."""
-        return dataset_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
+        import xarray
+
+        values = values_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
+        data = {name: (dims, array, notes_of(name, self.units)) for name, (dims, array) in values.items()}
+        attributes: dict[str, Any] = {
+            "Conventions": CONVENTIONS,
+            "title": f"stiffbeam {self.kind}: {self.label}",
+            "source": f"stiffbeam {self.provenance.get('stiffbeam', '')}".strip(),
+            "stiffbeam_format": FORMAT,
+            "kind": self.kind,
+            "fingerprint": self.fingerprint,
+            "provenance": json.dumps(plain(self.provenance)),
+            "work": json.dumps(asdict(self.work)),
+            "stops": json.dumps([stops.data for stops in self.stops]),
+            "impact_kind": ",".join(c.impacts.kind for c in self.contacts) or "none",
+        }
+        attributes |= {"horizon": self.horizon} if self.kind == "reference" else {}
+        attributes |= {"parameter": self.members.parameter} if self.kind == "ensemble" else {}
+        coordinates = [name for name in data if name not in VARIABLES]
+        dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
+        dataset.attrs["hash"] = content_hash(dataset)
+        return dataset
 
     def save(self: Any, file: str | Path) -> Path:
         """Write it in the format that the suffix names; an interrupted write leaves no file.
@@ -216,15 +210,4 @@ class Saved:
             return write_whole(file, self.to_dataframe().to_csv())
         if suffix != ".nc":
             raise InputError("file", str(file), "end in .nc or .csv", f"name it {Path(file).stem}.nc")
-        return write_netcdf(dataset_of(self), file, compression=4 if self.kind == "ensemble" else 0)
-
-
-GIVEN_TIMES = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"
-
-
-def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
-    """Indices of ``times`` among the output times t. Raises InputError for any other time."""
-    index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
-    if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
-        raise InputError("t", "new times", f"be among t_eval for {method}", GIVEN_TIMES)
-    return index
+        return write_netcdf(self.to_xarray(), file, compression=4 if self.kind == "ensemble" else 0)

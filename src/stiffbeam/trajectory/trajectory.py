@@ -20,7 +20,7 @@ from ..basics.text import DRAW, sentence, several
 from ..basics.validation import InputError, integer, numbers, positive, sequence
 from .recorder import run_fields, sampled_record
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
-from .schema import Saved, output_index
+from .schema import Saved
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -317,7 +317,10 @@ class Reference(Trajectory):
             remedy = f"0 to {len(self.contacts) - 1}" if self.contacts else "leave it out for the tip"
             raise InputError("contact", contact, "be the number of a contact", remedy)
         if self.evaluate is None:  # a copy from another process has its outputs
-            index = output_index(self.t, t, self.provenance["method"])
+            index = np.clip(np.searchsorted(self.t, t - 1e-12 * self.t[-1]), 0, len(self.t) - 1)
+            if np.any(np.abs(self.t[index] - t) > 1e-11 * self.t[-1]):
+                remedy = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"
+                raise InputError("t", "new times", f"be among t_eval for {self.provenance['method']}", remedy)
             if contact is None:
                 return self.tip[index], self.tip_velocity[index]
             return self.contacts[contact].position[index], self.contacts[contact].velocity[index]
