@@ -193,8 +193,6 @@ def run_figure(run: Trajectory) -> Figure:
         axis.set(title=title, xlabel=with_unit(units, "time $t$", "time"))
         if isinstance(run, Reference) and run.horizon < run.t[-1]:
             axis.axvline(run.horizon, color="0.4", lw=0.9, ls="--")
-            axis.annotate("horizon", (run.horizon, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -12),
-                          textcoords="offset points", fontsize=8, color="0.3")  # fmt: skip
     tip.plot(run.t, run.tip, color=colour, lw=0.9)
     tip.set_ylabel(tip_label(run.system, units))
     portrait.plot(run.tip, run.tip_velocity, color=colour, lw=0.9)

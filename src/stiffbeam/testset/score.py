@@ -122,10 +122,6 @@ class Scorecard(Reported):
         """The names of the integrators, in the order of the entries."""
         return list(dict.fromkeys(entry.integrator for entry in self.entries))
 
-    def entry(self, integrator: str, problem: str) -> Entry:
-        """One entry by integrator and problem; KeyError if there is none."""
-        return {(e.integrator, e.problem.name): e for e in self.entries}[integrator, problem]
-
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""
         entries = [e.row() | {"runs": list(e.runs)} for e in self.entries]
