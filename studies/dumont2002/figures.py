@@ -101,7 +101,7 @@ def _first_contacts(axis: Axes, table: Table) -> None:
     form, main = next(iter(table.references.items()))
     begin, end = first_contact(main, table.systems[form], table.case.t_end)
     _over_time(axis, table, begin, end)
-    zoom_on_stop(axis, main, begin, end)
+    zoom_on_stop(axis, main.contacts[0])
 
 
 def _delayed(axis: Axes, table: Table, delay: float) -> None:

@@ -29,7 +29,7 @@ def motion(axis: Axes, problem: Problem) -> None:
     contact = problem.data["contacts"][0]
     t, u, v = problem.times, problem.answers["tip"].value, problem.answers["tip_velocity"].value
     # Impacts on rigid stops turn the velocity between samples, where a cubic would not.
-    if "impacts" not in problem.answers or not problem.rigid:
+    if "impacts" not in problem.answers or not problem.system.rigid:
         fine = np.linspace(t[0], t[-1], 1500)
         axis.plot(fine, CubicHermiteSpline(t, u, v)(fine), color="black", lw=1.0)
     axis.plot(t, u, "o", color="black", ms=2.5, label="known")
@@ -50,7 +50,7 @@ def page_text(made: list[Problem]) -> str:
     lines += ["| problem | unknowns | what it is |", "|---|---|---|"]
     for p in made:
         size = len(p.data["initial_displacement"])
-        lines.append(f"| [{p.name}](#{p.name}) | {size} | {p.title}{', rigid stop' if p.rigid else ''} |")
+        lines.append(f"| [{p.name}](#{p.name}) | {size} | {p.title}{', rigid stop' if p.system.rigid else ''} |")
     for p in made:
         lines += ["", f"## {p.name}", "", f"{p.title}. **Tests:** {p.catches}", ""]
         lines += [f"![The motion of {p.name}]({p.name}.png)", ""]

@@ -86,7 +86,7 @@ def test_the_notebook_prints_what_it_shows(monkeypatch):
 def test_the_downstream_test_passes(pytester):
     """A test of its own, and one for every problem."""
     pytester.makepyfile(*blocks("references_in_tests", "python"))
-    rigid = sum(each.rigid for each in sb.problems().values())
+    rigid = sum(each.system.rigid for each in sb.problems().values())
     done = pytester.runpytest_subprocess("-p", "no:cacheprovider")
     done.assert_outcomes(passed=1 + len(sb.problems()) - rigid, skipped=rigid)
 

@@ -12,11 +12,10 @@ import pytest
 from matplotlib.animation import FFMpegWriter
 from oracles import beam_mode, beam_roots
 from PIL import Image
-from systems import bouncing_chain, one_mass, three_masses, two_contacts
+from systems import bouncing_chain, one_mass, two_contacts
 
 import stiffbeam as sb
 from stiffbeam.basics.validation import InputError
-from stiffbeam.figures.animation import animate
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.measures.comparison import AT_REST, phase_lag
 from stiffbeam.measures.errors import first_impacts_end, impact_times, match, matched_until, observed_order
@@ -94,7 +93,6 @@ def test_matching_pairs_impacts_in_order_until_the_first_that_does_not_fit():
     assert (same.matched, same.matched_until, same.median_delay) == (4, 5.0, 0.0)
     late = match(impacts([1.1, 2.1, 2.45, 4.1], [1, -1, 1, -1]), reference, 5.0)
     assert late.matched == 4
-    assert late.first_error == pytest.approx(0.1)
     assert late.median_delay == pytest.approx(0.1)
     # the second may be off by half the gap of 0.4 to the third, no more
     assert match(impacts([1.0, 2.21, 2.45], [1, -1, 1]), reference, 5.0).matched_until == 2.0
@@ -107,7 +105,7 @@ def test_matching_pairs_impacts_in_order_until_the_first_that_does_not_fit():
     assert match(impacts([18.2], [1]), impacts([2.65], [1]), 40.0, longest=np.pi / 2).matched_until == 2.65
     nothing = match(impacts([], []), impacts([], []), 2.0)
     assert (nothing.matched, nothing.matched_until) == (0, 2.0)
-    assert np.isnan(nothing.first_error)
+    assert np.isnan(nothing.median_delay)
 
 
 @pytest.mark.parametrize("bound", ["lower", "upper"])
@@ -332,22 +330,19 @@ def test_runs_are_pictures_and_what_is_said_of_them_is_a_table_in_a_notebook():
     comparison = sb.compare(run, reference)
     assert cells(comparison)
     figure = comparison.figure()
-    assert figure.axes[0].get_title(loc="left").startswith("(a) displacement of row 0 to t = ")
+    assert figure.axes[0].get_title(loc="left").startswith("(a) displacement to t = ")
     # Of matrices no tip is known.
     assert "tip" not in f"{comparison} {comparison!r} {comparison.to_latex()} {figure.get_suptitle()}"
     assert cells(sb.score([sb.HHT(-0.1)], ["mass-on-a-stop"]))
 
 
 def test_a_reaction_of_a_rigid_stop_is_no_force_of_an_impact():
-    """Its mean over a step grows like 1/dt: the axis states it, and the title has the impulse."""
+    """Its mean over a step grows like 1/dt: the axis states it."""
     system = one_mass(100.0, sb.Stops(upper=0.5, stiffness=np.inf, restitution=0.8), v=10.0)
     run, exact = sb.integrate(system, sb.MoreauJean(), 1e-3, 1.0), sb.reference(system, 1.0)
     for thing, label in ((run, "mean per step"), (exact, "without impulses")):
         figure = thing.plot()
         assert figure.axes[1].get_ylabel().endswith(label)
-        largest = np.nanmax(thing.impacts.impulses)
-        assert f"{thing.impacts.count} impacts, largest impulse {largest:.4g}" in figure.get_suptitle()
-        assert "contact force" not in figure.get_suptitle()
 
 
 @pytest.mark.slow
@@ -477,7 +472,7 @@ def test_the_table_leaves_out_the_contacts_that_nothing_touches():
     free = row_of_masses((9.0, 9.0))
     lines = str(sb.compare(sb.integrate(free, sb.Trapezoidal(), 1e-3, 4.0), sb.reference(free, 4.0))).splitlines()
     assert not any("contact 0" in line or "Never touched" in line for line in lines)
-    assert any(line.startswith("exact (reference)") and line.split()[-3:] == ["0", "0", "%"] for line in lines)
+    assert lines[0] == "No impacts: the motion reaches no stop to t = 4."
 
 
 def test_a_solver_that_ends_early_cuts_no_other_error_short():
@@ -544,7 +539,7 @@ def test_an_argument_of_another_type_is_named(argument, wrong):
 def test_a_film_has_its_frames_and_they_move(tmp_path, table10):
     system = sb.semidiscretise(table10, 8)
     run, exact = sb.integrate(system, sb.HHT(alpha=-0.1), 1e-4, 0.1), sb.reference(system, 0.1)
-    file = exact.animate(tmp_path / "beam.gif", [run], seconds=1.0, frames_per_second=4)
+    file = exact.animate(tmp_path / "beam.gif", [run], frames=4)
     with Image.open(file) as film:
         assert film.n_frames == 4
         frames = [np.asarray((film.seek(k), film.convert("L"))[1], float) for k in range(4)]
@@ -553,30 +548,15 @@ def test_a_film_has_its_frames_and_they_move(tmp_path, table10):
     assert [path.name for path in tmp_path.iterdir()] == ["beam.gif"]
 
 
-def test_an_interrupted_film_leaves_no_file(tmp_path, table10):
+def test_what_cannot_be_filmed_is_refused(tmp_path, monkeypatch, table10):
     run = sb.integrate(sb.semidiscretise(table10, 8), sb.HHT(), 1e-3, 0.02)
-
-    def interrupt(what: str, done: int, total: int) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        animate([run], tmp_path / "film.gif", seconds=0.2, show=interrupt)
-    assert not list(tmp_path.iterdir())
-
-
-def test_matrices_are_shown_by_their_contacts(tmp_path):
-    run = sb.integrate(two_contacts(), sb.BDF2(), 1e-2, 2.0)
-    assert run.animate(tmp_path / "chain.gif", seconds=0.5, frames_per_second=4).is_file()
-
-
-def test_what_cannot_be_filmed_is_refused(tmp_path, monkeypatch):
-    run = sb.integrate(two_contacts(), sb.BDF2(), 1e-2, 2.0)
-    with pytest.raises(InputError, match=r"\.gif or \.mp4"):
-        run.animate(tmp_path / "chain.avi")
+    with pytest.raises(InputError, match="where ffmpeg is installed"):
+        run.animate(tmp_path / "beam.avi")
     monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda _: False))
-    with pytest.raises(InputError, match=r"install ffmpeg, or name it chain\.gif"):
-        run.animate(tmp_path / "chain.mp4")
-    with pytest.raises(InputError, match="one system"):
-        run.animate(tmp_path / "chain.gif", [sb.integrate(three_masses(), sb.BDF2(), 1e-2, 2.0)])
-    with pytest.raises(InputError, match="integrate again"):
-        sb.load(run.save(tmp_path / "run.nc")).animate(tmp_path / "chain.gif")
+    with pytest.raises(InputError, match=r"name it beam\.gif"):
+        run.animate(tmp_path / "beam.mp4")
+    for others in ([sb.integrate(sb.semidiscretise(table10, 9), sb.HHT(), 1e-3, 0.02)], []):
+        one = run if others else sb.integrate(two_contacts(), sb.BDF2(), 1e-2, 2.0)
+        with pytest.raises(InputError, match="one beam"):
+            one.animate(tmp_path / "beam.gif", others)
+    assert not list(tmp_path.iterdir())

@@ -59,7 +59,7 @@ def test_the_tip_alone_gives_what_it_allows_and_says_what_it_does_not(measured):
         assert asdict(getattr(found, name)) == pytest.approx(asdict(getattr(own, name)), rel=1e-11)
     assert found.matching.matched == own.matching.matched
     # Crossing times by the spline's slope: of the order dt^2 u''/u'.
-    assert abs(found.matching.first_error - own.matching.first_error) < 1e-5
+    assert abs(found.matching.median_delay - own.matching.median_delay) < 1e-5
     assert np.isnan(bare.energy_lost)
     assert [m.partition(":")[0] for m in bare.missing] == ["energy", "tip velocity"]
     assert "came without states" in str(bare)
@@ -202,13 +202,12 @@ def test_a_contact_that_the_tip_does_not_show_is_unknown_and_not_free():
     found = sb.compare((t, ref.at(t)[0]), ref)
     assert found.tip_error_rms < 1e-12
     assert np.isnan(found.matched_until)
-    assert "right to" not in str(found)  # a column of dashes is left out
+    assert "right to" not in str(found)  # an empty column is left out
     for contact in found.contacts:
         assert contact.run.impacts == -1
         assert np.isnan(contact.run.fraction)
-        assert np.isnan(contact.matching.first_error)
+        assert np.isnan(contact.matching.median_delay)
     assert any(m.startswith("contact") for m in found.missing)
-    assert "–" in str(found)
     whole = sb.compare(sb.Trajectory.from_arrays(t, *ref.state_at(t), elsewhere), ref)
     assert whole.matched_until == whole.window
 
@@ -221,7 +220,7 @@ def test_a_run_of_ones_own_travels_and_is_saved(measured, tmp_path):
     assert np.array_equal(again.tip, run.tip)
     assert sb.compare(again, ref).tip_error_rms == sb.compare(run, ref).tip_error_rms
     for quantity in ("energy", "states"):
-        with pytest.raises(sb.InputError, match="without states"):
+        with pytest.raises(sb.InputError, match="pass q and v"):
             getattr(own, quantity)
 
 
@@ -265,9 +264,8 @@ def test_the_refusal_of_another_system_says_what_differs(change, differs):
         for problem, cells in ((given, 8), (given | change, 8 if change else 6))
     )
     run, exact = sb.integrate(one, sb.HHT(), 1e-3, 0.01), sb.reference(other, 0.01)
-    with pytest.raises(sb.InputError, match=f"same system as .*; they differ in: {differs}") as caught:
+    with pytest.raises(sb.InputError, match=f"same system as .*; they differ in: {differs}"):
         sb.compare(run, exact)
-    assert ("decimal" in str(caught.value)) == ("exact" in differs)
 
 
 def test_the_only_unknown_is_the_tip_and_its_arrays_are_states():
@@ -282,11 +280,11 @@ def test_the_only_unknown_is_the_tip_and_its_arrays_are_states():
         assert np.allclose(run.energy.energy, 0.5 * (v**2 + 9.0 * q**2))
 
 
-def test_what_compare_cannot_take_comes_with_its_own_remedy(measured):
+def test_what_compare_cannot_take_comes_with_a_remedy(measured):
     _, run, ref = measured
     for wrong, words in (
-        ("run.csv", r"sb\.load reads a saved run"),
-        (np.column_stack([run.t, run.tip]), r"put the arrays into a list: \[t, tip\]"),
+        ("run.csv", r"load\(\) reads a saved run"),
+        (np.column_stack([run.t, run.tip]), r"its arrays \[t, tip\]"),
         ([1e6 * run.t, run.tip], "times in the unit of the reference"),
     ):
         with pytest.raises(sb.InputError, match=words):

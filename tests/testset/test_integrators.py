@@ -93,7 +93,7 @@ def test_a_comparison_with_rigid_stops_asks_the_exact_solution_only():
     asked = CaseComparison(case)
     list(asked.run(references=("exact", "cvode")))
     assert [failure[:2] for failure in asked.failures] == [("refused", "cvode@displacement")]
-    assert str(asked.report()).count("refused  cvode@displacement") == 1
+    assert asked.report().text().count("refused  cvode@displacement") == 1
 
 
 def test_what_breaks_in_a_function_is_a_failure_with_its_reason():

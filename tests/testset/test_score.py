@@ -103,11 +103,11 @@ class Leaking(Wrong):
 
 @pytest.mark.parametrize(
     ("scheme", "law"),
-    [(Wrong(), "order off the stated one by 1.0"), (Other(), "amplification"), (Leaking(), "stiff stop")],
+    [(Wrong(), "order 1"), (Other(), "amplification"), (Leaking(), "stiff contact")],
     ids=str,
 )
 def test_a_law_that_does_not_hold_is_named(scheme, law):
-    with pytest.raises(AssertionError, match=rf"{type(scheme).__name__}.*: .*{law}.* \(at most "):
+    with pytest.raises(AssertionError, match=rf"{type(scheme).__name__}.*: .*{law}.*, allowed "):
         check_scheme(scheme)
 
 
@@ -280,7 +280,7 @@ def test_what_is_not_taken_and_what_fails_is_said():
         return right(system, dt, t_end)
 
     card = sb.score([broken, "exact"], ["bilinear-gap", "two-mass-chain"])
-    assert card.entry("broken", "two-mass-chain").outcome == FAILED
+    assert card.entries[1].outcome == FAILED
     refused = sb.score(["trapezoidal", "exact"], ["hertz"])
     assert [e.outcome for e in refused.entries] == [CONVERGES, NOT_TAKEN]
     text = f"{card} {refused}"
@@ -312,9 +312,9 @@ def test_a_scorecard_is_saved_drawn_and_written_as_json(tmp_path):
     again = json.loads((tmp_path / "score.json").read_text(encoding="utf-8"))
     assert again == json.loads(json.dumps(card.to_dict()))
     assert len(card.to_dataframe()) == sum(len(e.runs) for e in card.entries)
-    axes = card.figure("bilinear-gap").axes
-    assert len(axes) == 2
-    assert all(axis.get_xlabel() and axis.get_ylabel() for axis in axes)
+    (axis,) = card.figure("bilinear-gap").axes
+    assert axis.get_xlabel()
+    assert axis.get_ylabel()
 
 
 @pytest.mark.parametrize(

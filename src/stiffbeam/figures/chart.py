@@ -207,12 +207,10 @@ def heading(case: Case, text: str) -> str:
 
 
 def tip_text(problem: BeamProblem | None, quantity: str = "", t: str = "t") -> str:
-    """Name, quantity and symbol of the observed displacement: u(1, t) as in the paper, u(L, t) of a beam that is not of
-    length 1, mid-span u(L/2, t) where its end is held, u(t) of matrices."""
-    name, place = point_name(problem), ""
-    if problem is not None:
-        end = "1" if problem.length == 1.0 and not problem.units else "L"
-        place = f"{end}, " if name == "tip" else f"{end}/2, "
+    """Name, quantity and symbol of the observed displacement: u(L, t) of a beam, mid-span u(L/2, t) where its end is
+    held, u(t) of matrices."""
+    name = point_name(problem)
+    place = {"": "", "tip": "L, ", "mid-span": "L/2, "}[name]
     return " ".join(filter(None, [name, quantity, f"$u({place}{t})$"]))
 
 
@@ -250,10 +248,7 @@ def finish(figure: Figure, title: str) -> None:
     """
     from matplotlib.ticker import AutoLocator
 
-    width = len(title) // -(-len(title) // LINE) + 8  # lines of about one length
-    # No line begins with the % of a number or with an equals sign.
-    held = title.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
-    figure.suptitle(textwrap.fill(held, width, break_on_hyphens=False).replace("\u00a0", " "), fontsize=11)
+    figure.suptitle(textwrap.fill(title, LINE, break_on_hyphens=False), fontsize=11)
     panels = [axis for axis in figure.axes if axis.get_label() != "<colorbar>"]
     for letter, axis in zip(ascii_letters, panels, strict=False):
         name = f"({letter}) " * (len(panels) > 1) + axis.get_title(loc="center")

@@ -14,6 +14,7 @@ from ..measures.report import largest, verdict
 from ..model.contact import Stops
 from ..model.scales import scales
 from ..model.system import System
+from ..trajectory.records import ContactRecord
 from ..trajectory.trajectory import Reference, Trajectory
 from .chart import COLOURS, Axes, Figure, finish, look, new_figure, say_empty, shared_legend, short, tip_text
 
@@ -23,8 +24,8 @@ def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
 
     Each contact that is touched has a close-up, see ``shown_contacts``; the force is that of the contact with the
     largest one. All show the time inside the horizon of the reference. Other solvers are thin and lie beneath the
-    schemes. The error is the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match and a
-    vertical line at a solver's own horizon. title: by default it states how far the runs agree.
+    schemes. The error is the largest |u - u_ref|/max |u_ref| so far, with a dot where the impacts cease to match.
+    title: by default it states how far the runs agree.
     """
     runs, main = [c.pair[0] for c in results], results[0].pair[1]
     names = ", ".join(short(run.provenance["method"]) for run in runs)
@@ -43,13 +44,12 @@ def comparison_figure(results: Sequence[Comparison], title: str = "") -> Figure:
         axis.set(title=name, xlabel=with_unit(system.units, "time $t$", "time"))
         return axis
 
-    _draw_positions(panel(f"displacement{observed(system)} to t = {window:.3g}"), main, runs, 0.0, window)
-    horizons = "; lines: horizons" * any(isinstance(x, Reference) and x.horizon < window for x in runs)
-    _draw_errors(panel(f"error{horizons}"), main, runs, results, window)
+    _draw_positions(panel(f"displacement to t = {window:.3g}"), main, runs, 0.0, window)
+    _draw_errors(panel("error"), results, window)
     for i in contacts:
         axis, (start, end) = panel(f"first impact at {contact_name(system, i)}"), first_contact(main, system, window, i)
         _draw_positions(axis, main, runs, start, end, i)
-        zoom_on_stop(axis, main, start, end, i)
+        zoom_on_stop(axis, main.contacts[i])
     if contacts:
         hardest = max(contacts, key=lambda i: np.nan_to_num(main.contacts[i].peak_force))
         _draw_forces(panel(f"force of {contact_name(system, hardest)} to the horizon"), main, runs, window, hardest)
@@ -93,15 +93,6 @@ def shown_contacts(runs: Sequence[Trajectory]) -> list[int]:
     return sorted(set(records))[:6]
 
 
-def observed(system: System | None) -> str:
-    """The observed point of matrices in words, such as " of contact 1, row 3" or " of row 4"; "" of a beam."""
-    if system is None or system.problem is not None:
-        return ""
-    at = [f" of {contact_name(system, i)}" for i in range(len(system.contacts)) if system.reads_tip(i)]
-    rows = np.flatnonzero(system.channels[system.tip_channel][0])
-    return [*at, f" of row {rows[0]}" if len(rows) == 1 < system.size else ""][0]
-
-
 def tip_label(system: System | None, units: Units | None = None) -> str:
     """Label of the displacement of the tip, with its unit: of the system, if not passed."""
     beam, units = system and system.problem, units or (system and system.units) or ()
@@ -112,9 +103,7 @@ def position_label(system: System, contact: int) -> str:
     """Label of the position at a contact, with its unit."""
     if system.reads_tip(contact):
         return tip_label(system)
-    moving = system.problem is not None and system.problem.all_stops[contact].motion is not None
-    name = f"{'displacement relative to the moving stop' if moving else 'position'} at {contact_name(system, contact)}"
-    return with_unit(system.units, name, "length")
+    return with_unit(system.units, f"position between the stops of {contact_name(system, contact)}", "length")
 
 
 def _curves(
@@ -141,26 +130,19 @@ def _style(run: Trajectory, main: Reference, **other: Any) -> dict[str, Any]:
     return label | line_of(run) | drawn | other
 
 
-def _draw_errors(
-    axis: Axes, main: Reference, runs: Sequence[Trajectory], comparisons: Sequence[Comparison], window: float
-) -> None:
-    """The largest error so far of every run, on a logarithmic axis."""
-    by_label = {c.label: c for c in comparisons}
-    for run in (run for run in runs if run.label in by_label):
-        comparison = by_label[run.label]
-        t, error = comparison.times, np.maximum.accumulate(np.abs(comparison.error))
-        seen, until = error > 0.0, comparison.matched_until
-        axis.plot(t[seen], error[seen], **_style(run, main))
-        if until < comparison.window and np.any(seen):  # the impacts cease to match
-            value = error[max(0, np.searchsorted(t, until, side="right") - 1)]
-            axis.plot(until, value, "o", ms=5.0, mfc="white", color=line_of(run)["color"], zorder=30)
-        if isinstance(run, Reference) and run.horizon < window:
-            axis.axvline(run.horizon, lw=0.6, zorder=0.9, **line_of(run))
-    axis.set(yscale="log", xlim=(0.0, window))
+def _draw_errors(axis: Axes, comparisons: Sequence[Comparison], window: float) -> None:
+    """The largest error so far of every run, on a logarithmic axis, and a dot where its impacts cease to match."""
+    for c in comparisons:
+        run, main = c.pair
+        error = np.maximum.accumulate(np.abs(c.error))
+        axis.plot(c.times[error > 0.0], error[error > 0.0], **_style(run, main))
+        if c.matched_until < c.window:
+            value = error[max(0, np.searchsorted(c.times, c.matched_until, side="right") - 1)]
+            axis.plot(c.matched_until, value, "o", ms=5.0, mfc="white", color=line_of(run)["color"], zorder=30)
+    axis.set(yscale="log", xlim=(0.0, window), ylabel="largest error so far / max |u|")
     low, high = axis.get_ylim()
     axis.set_ylim(max(low, 1e-12), min(10.0, high))
-    axis.set_ylabel("largest error so far / max |u|")
-    if any(x.matched_until < x.window for x in by_label.values()):
+    if any(c.matched_until < c.window for c in comparisons):
         (dot,) = axis.plot([], [], "o", ms=5.0, mfc="white", color="black")
         axis.legend([dot], ["impacts differ"], frameon=False, fontsize=8.5, loc="lower right")
 
@@ -171,40 +153,24 @@ def line_of(run: Trajectory) -> dict[str, Any]:
 
 
 def first_contact(reference: Trajectory, system: System, window: float, contact: int = 0) -> tuple[float, float]:
-    """A span around the first group of impacts on one stop of a contact: an eighth of the longest time scale, less
-    where the group is shorter."""
-    length = min(window, scales(system).period / 8.0)
-    times = reference.contacts[contact].impacts.times if reference.contacts else np.zeros(0)
-    first = float(times[0]) if len(times) and times[0] < window else 0.1 * length
-    start, end = max(0.0, first - 0.1 * length), min(window, first + 0.9 * length)
-    if not len(times):
-        return start, end
-    impacts = reference.contacts[contact].impacts
-    # The group ends with the last exit from the stop that is hit first.
-    exits = (times + np.nan_to_num(impacts.durations))[(impacts.stops == impacts.stops[0]) & (times <= end)]
-    last = float(np.max(exits, initial=first))
-    return start, min(end, last + 0.3 * (last - first) + 0.1 * length)
+    """A span around the first impact of a contact, three times as long, or of a hundredth of the longest time scale."""
+    impacts = reference.contacts[contact].impacts if reference.contacts else reference.impacts
+    length = 0.01 * scales(system).period
+    if impacts.count and impacts.durations[0] > 0.0:
+        length = min(8.0 * length, float(impacts.durations[0]))
+    first = float(impacts.times[0]) if impacts.count else length
+    return max(0.0, first - length), min(window, first + 2.0 * length)
 
 
-def zoom_on_stop(axis: Axes, reference: Trajectory, start: float, end: float, contact: int = 0) -> None:
-    """Scale the zoom to what happens at the stop of a contact that is hit first."""
-    record = reference.contacts[contact]
-    if not record.impacts.count:
+def zoom_on_stop(axis: Axes, record: ContactRecord) -> None:
+    """Scale the zoom to the depth of what is drawn in the stop that is hit first; nothing is inside a rigid one."""
+    if not record.impacts.count or record.stops.rigid:
         return
-    side = int(record.impacts.stops[0])
+    side, (low, high) = int(record.impacts.stops[0]), axis.dataLim.intervaly
     stop = record.stops.bound(side)
-    if isinstance(reference, Reference) and reference.solution is not None:
-        u, _ = reference.at(np.linspace(start, end, 800), contact)
-    else:
-        u = record.position[(reference.t >= start) & (reference.t <= end)]
-    # The largest depth of the contact point in the stop, and its largest distance from it after a tenth of the span.
-    outside = float(np.max(side * (u - stop)))
-    drop = float(np.max(side * (stop - u[len(u) // 10 :])))
-    # Nothing is inside a rigid stop: the zoom then shows all that is before it.
-    room = 0.1 * drop if record.stops.rigid else 2.5 * outside
-    reach = drop if record.stops.rigid else max(2.0 * outside, min(drop, 12.0 * outside))
-    low, high = sorted((stop - side * max(reach, 1e-12 * float(np.max(np.abs(u)))), stop + side * room))
-    axis.set_ylim(low, high)
+    depth = side * ((high if side > 0 else low) - stop)
+    if depth > 0.0:
+        axis.set_ylim(*sorted((stop - 4.0 * side * depth, stop + 2.0 * side * depth)))
 
 
 def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
@@ -223,12 +189,10 @@ def run_figure(run: Trajectory) -> Figure:
     units, beam, colour = run.units, run.system.problem if run.system else None, line_of(run)["color"]
     figure = new_figure(7.6)
     tip, force, portrait, energy = figure.subplots(2, 2).ravel()
-    for axis, title in ((tip, f"displacement{observed(run.system)}"), (force, "contact"), (energy, "energy")):
+    for axis, title in ((tip, "displacement"), (force, "contact"), (energy, "energy")):
         axis.set(title=title, xlabel=with_unit(units, "time $t$", "time"))
         if isinstance(run, Reference) and run.horizon < run.t[-1]:
             axis.axvline(run.horizon, color="0.4", lw=0.9, ls="--")
-            axis.annotate("horizon", (run.horizon, 1.0), xycoords=("data", "axes fraction"), xytext=(3, -12),
-                          textcoords="offset points", fontsize=8, color="0.3")  # fmt: skip
     tip.plot(run.t, run.tip, color=colour, lw=0.9)
     tip.set_ylabel(tip_label(run.system, units))
     portrait.plot(run.tip, run.tip_velocity, color=colour, lw=0.9)

@@ -21,7 +21,7 @@ from ..trajectory.recorder import sampled_record, totals
 from ..trajectory.records import Impacts, Ledger
 from ..trajectory.trajectory import Reference, Trajectory
 from .errors import ContactMeasures, Matching, after_rest, longest_delay, match, relative_error, rms, run_of
-from .report import ROUNDING, WIDTH, Report, Reported, error_name, report_of
+from .report import ROUNDING, Report, Reported, error_name, report_of
 
 if TYPE_CHECKING:
     import pandas
@@ -154,9 +154,6 @@ class Tables(Reported):
     def report(self) -> Report:
         """The tables with remarks and notes."""
         return report_of(self._all)
-
-    def __str__(self) -> str:
-        return self.report().text(WIDTH)
 
 
 @dataclass(frozen=True, repr=False)
@@ -386,7 +383,7 @@ def _contact(
         for one, rows, force in ((run, impacts, forces[0]), (reference, true, forces[1]))
     )
     # Where no impact of the run is known, nothing parts and nothing is paired.
-    matching = Matching(0, window, np.nan, np.nan)
+    matching = Matching(0, window, np.nan)
     if record.impacts.kind != "unknown":
         matching = match(impacts, true, window, longest_delay(system, known_to))
     return ContactComparison(contact_name(system, i), of_run, of_reference, matching, run_totals, reference_totals)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,23 +25,13 @@ def run_of(run: Any, reference: Any, asked: str) -> Trajectory:
         run = Trajectory.from_arrays(*run, system=reference.system)
     if not isinstance(run, Trajectory) or not isinstance(reference, Reference):
         got = f"{type(run).__name__}, {type(reference).__name__}"
-        rule = "be given a run, or its arrays (t, tip), (t, tip, tip velocity) or (t, q, v), and then a reference"
-        remedy = "reference() makes one"
-        if isinstance(run, (str, Path)):
-            remedy = "sb.load reads a saved run, numpy.loadtxt the columns of a text file"
-        elif isinstance(reference, Reference):
-            remedy = "put the arrays into a list: [t, tip]"
-        raise InputError(asked, got, rule, remedy)
+        rule = "be given a run, or its arrays [t, tip], [t, tip, tip velocity] or [t, q, v], and then a reference"
+        raise InputError(asked, got, rule, "reference() makes one, load() reads a saved run")
     if run.fingerprint != reference.fingerprint:
-        rule, remedy = f"be of the same system as {run.label}", "solve run.system"
-        if run.system is None or reference.system is None:
-            rule += ", which is not known of both"
-        else:
-            differs = run.system.differences(reference.system)
-            rule += f"; they differ in: {', '.join(differs)}"
-            if "exact parameters" in differs:
-                remedy += '; 0.1 in Python is a double, in a case file and as "0.1" it is the decimal'
-        raise InputError("reference", reference.label, rule, remedy)
+        rule = f"be of the same system as {run.label}"
+        if run.system is not None and reference.system is not None:
+            rule += f"; they differ in: {', '.join(run.system.differences(reference.system))}"
+        raise InputError("reference", reference.label, rule, "solve run.system")
     if not np.isfinite(reference.horizon):
         raise InputError("reference.horizon", reference.horizon, "be known", "make it with stiffbeam.reference")
     return run
@@ -124,13 +113,11 @@ class Matching:
     A pair holds if both hit the same stop and |t_run - t_ref| is less than half the smaller gap to the
     neighbouring reference impacts, and no more than ``longest_delay``. matched_until: the reference time of
     the first pair that does not hold, the time of an impact without a partner, or the window.
-    first_error: t_run - t_ref of the first pair; median_delay: of all pairs that hold; > 0 means late, NaN
-    where there is no pair.
+    median_delay: the median of t_run - t_ref over all pairs that hold; > 0 means late, NaN where there is no pair.
     """
 
     matched: int
     matched_until: float
-    first_error: float
     median_delay: float
 
 
@@ -156,7 +143,6 @@ def match(run: Impacts, reference: Impacts, window: float, longest: float = np.i
     return Matching(
         matched=len(inside),
         matched_until=min(window, *alone.tolist()) if len(alone) else window,
-        first_error=float(delay[0]) if n and times[0] <= window else float("nan"),
         median_delay=float(np.median(inside)) if len(inside) else float("nan"),
     )
 

@@ -19,9 +19,8 @@ that its correlation does not swing; there are at most MOST of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import product
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,9 +28,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import working
-from ..basics.text import with_unit
 from ..basics.validation import InputError, instance, numbers, sequence
-from ..model.contact import channel_motion
 from ..model.scales import scales
 from ..trajectory.ensemble import record_from
 from ..trajectory.trajectory import Reference, Trajectory
@@ -43,11 +40,10 @@ if TYPE_CHECKING:
 
 LEAST, MOST = 8, 200  # parts of a run
 ITERATIONS, LEAST_TAU = 6, 0.1  # impacts that keep a distance from each other have tau < 1
-CELLS, MOST_NODES = 243, 2_000_000  # nodes of the quadrature over a contact, a multiple of 3; over all contacts
-RATES = {  # name: its column in a table, its quantity
-    "impact": ("impact_rate", "rate"), "impulse": ("impulse_rate", "force"), "contact": ("contact_fraction", ""),
-    "normal_work": ("normal_work_rate", "power"), "sliding_work": ("sliding_work_rate", "power"),
-    "force_rms": ("force_rms", "force"),
+CELLS, MOST_NODES = 243, 2_000_000  # nodes of the quadrature over a contact; over all contacts
+RATES = {  # name: its column in a table
+    "impact": "impact_rate", "impulse": "impulse_rate", "contact": "contact_fraction",
+    "normal_work": "normal_work_rate", "sliding_work": "sliding_work_rate", "force_rms": "force_rms",
 }  # fmt: skip
 # Times (k,), weights (k,) of an integral over time, and at these times F, v and the sliding velocity.
 Nodes = tuple[Array, Array, Array, Array, Array]
@@ -114,7 +110,6 @@ class ContactRates:
 
     rates: tuple[Mapping[str, Mean], ...]
     sources: tuple[str, ...]
-    run: Trajectory = field(repr=False)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each contact: ``impact_rate``, ``impact_rate_low``, ``impact_rate_high`` and so on.
@@ -125,19 +120,14 @@ class ContactRates:
 
         columns: dict[str, Any] = {
             column + suffix: [getattr(each[name], end) for each in self.rates]
-            for name, (column, _) in RATES.items()
+            for name, column in RATES.items()
             for end, suffix in (("value", ""), ("low", "_low"), ("high", "_high"))
         }
         return pandas.DataFrame(columns | {"source": list(self.sources)}).rename_axis("contact")
 
     def __str__(self) -> str:
-        lines = []
-        for i, name in product(range(len(self.rates)), RATES):
-            x, (column, quantity) = self.rates[i][name], RATES[name]
-            label = with_unit(self.run.units, f"contact {i}: {column.replace('_', ' ')}", quantity)
-            if np.isfinite(x.value):
-                lines.append(f"{label} {x.value:.4g} ({x.low:.4g} to {x.high:.4g}), {self.sources[i]}")
-        return "\n".join(lines)
+        known = self.to_dataframe().dropna(axis="columns", how="all")
+        return known.T.to_string(float_format="{:.4g}".format)
 
 
 @working("integrating rates")
@@ -152,8 +142,7 @@ def contact_rates(
     Parameters
     ----------
     run : Trajectory
-        One long run of a scheme, or a reference. A scheme's forces are those of every step, from a second run if the
-        output is thinned; those of a loaded run without its system are those of its output times, see ``sources``.
+        One long run of a scheme, with every step on output, or a reference.
     since : float
         Time after which the motion counts as stationary.
     tangents : sequence of (n,) arrays, optional
@@ -169,7 +158,7 @@ def contact_rates(
     Raises
     ------
     InputError
-        For a time ``since`` outside the run, and rows that are not of the system.
+        For a time ``since`` outside the run, thinned outputs, and rows that are not of the system.
 
     Examples
     --------
@@ -181,6 +170,8 @@ def contact_rates(
     0.55
     """
     instance("run", run, Trajectory, "make one with integrate, reference or Trajectory.from_arrays")
+    if run.provenance.get("every", 1) != 1:
+        raise InputError("every", run.provenance["every"], "be 1 for rates", "integrate with every=1")
     end = float(run.provenance.get("t_end", run.t[-1]))
     record_from(since, end)
     rows = _tangents(run, tangents)
@@ -195,8 +186,8 @@ def contact_rates(
             if np.all(listed.ends - listed.times <= width):
                 integrals[0] = np.histogram(listed.times, edges, weights=listed.impulses)[0]
         else:
-            source, pieces = _nodes(run, i, rows[i], edges)
-            integrals = sum((_integrals(edges, *nodes) for nodes in pieces), np.zeros_like(integrals))
+            source, nodes = _nodes(run, i, rows[i], edges)
+            integrals = _integrals(edges, *nodes)
         sources.append(source)
         if rows[i] is None:
             integrals[3] = np.nan
@@ -207,7 +198,7 @@ def contact_rates(
         square = means["force_rms"]
         means["force_rms"] = Mean(square.value**0.5, square.low**0.5, square.high**0.5, square.effective)
         rates.append(means)
-    return ContactRates(tuple(rates), tuple(sources), run)
+    return ContactRates(tuple(rates), tuple(sources))
 
 
 def _integrals(edges: Array, t: Array, weights: Array, force: Array, v: Array, sliding: Array) -> Array:
@@ -218,7 +209,7 @@ def _integrals(edges: Array, t: Array, weights: Array, force: Array, v: Array, s
                size * np.abs(force))  # fmt: skip
     # Entry 0 of the sums, nodes before the first edge, is cut off.
     place = np.clip(np.searchsorted(edges, t, "right") - 1, -1, parts - 1)
-    return np.array([np.bincount(place + 1, column, parts + 1)[1:] for column in columns])
+    return np.array([np.bincount(place + 1, column, parts + 1)[1:] for column in columns], float)
 
 
 def windows(system: System | None, since: float, end: float) -> Array:
@@ -254,35 +245,19 @@ def _tangents(run: Trajectory, tangents: Sequence[ArrayLike | None] | None) -> l
     return rows
 
 
-def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Iterable[Nodes]]:
-    """Source of the forces of contact i, and the nodes of an integral over time, in pieces of the run."""
-    contact, every, scheme = run.contacts[i], int(run.provenance.get("every", 1)), not isinstance(run, Reference)
+def _nodes(run: Trajectory, i: int, tangent: Array | None, edges: Array) -> tuple[str, Nodes]:
+    """Source of the forces of contact i, and the nodes of an integral over time."""
+    contact = run.contacts[i]
     if isinstance(run, Reference) and run.evaluate is not None and contact.impacts.kind == "event":
-        return _between_events(run, i, tangent, edges)
-    if scheme and run.pieces is not None and run.system is not None and (every > 1 or tangent is not None):
-        return "every step", _steps(run.pieces(), run.system, i, tangent)
-    source = "every step" if every == 1 and scheme else f"{len(run.t)} output times"
+        return "events", _between_events(run, i, tangent, edges)
+    steps = np.diff(run.t, prepend=run.t[0], append=run.t[-1])
     sliding = np.full(len(run.t), np.nan) if tangent is None else run.states[1] @ tangent
-    return source, [(run.t, _trapezoidal(run.t), contact.force, contact.velocity, sliding)]
+    source = f"{len(run.t)} output times" if isinstance(run, Reference) else "every step"
+    return source, (run.t, 0.5 * (steps[1:] + steps[:-1]), contact.force, contact.velocity, sliding)
 
 
-def _trapezoidal(t: Array) -> Array:
-    """Weights of the trapezoidal rule."""
-    steps = np.diff(t, prepend=t[0], append=t[-1])
-    return 0.5 * (steps[1:] + steps[:-1])
-
-
-def _steps(pieces: Iterator[Any], system: System, i: int, tangent: Array | None) -> Iterator[Nodes]:
-    """Nodes of a contact at every step, from a second run."""
-    for t, q, rate, forces in pieces:
-        u, v = channel_motion(*system.channels[i], t, q, rate)
-        # A force that jumps is that of the node, others follow from the state.
-        force = np.where(np.isnan(forces[:, i]), system.contacts[i].stops.force(u, v), forces[:, i])
-        yield t, _trapezoidal(t), force, v, np.full(len(v), np.nan) if tangent is None else rate @ tangent
-
-
-def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> tuple[str, list[Nodes]]:
-    """Midpoints of equal cells of every contact; the source states by how much a third of them changes the works."""
+def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array) -> Nodes:
+    """Midpoints of equal cells of every contact."""
     listed, _ = run.contacts[i].impacts.listed()
     ends = np.where(np.isnan(listed.ends), float(run.provenance["t_end"]), listed.ends)
     # Contacts are cut at the edges of the parts of the run.
@@ -290,19 +265,11 @@ def _between_events(run: Reference, i: int, tangent: Array | None, edges: Array)
     last = np.searchsorted(listed.times, corners, "right") - 1
     closed = ((last >= 0) & (corners < np.append(ends, -np.inf)[last]))[:-1]
     left, width = corners[:-1][closed], np.diff(corners)[closed]
-    if not len(left):
-        return "events", []
-    cells = min(CELLS, 3 * max(1, MOST_NODES // (3 * len(left))))
-    t = left[:, None] + width[:, None] * (np.arange(cells) + 0.5) / cells
-    u, v = (x.reshape(t.shape) for x in run.at(t.ravel(), contact=i))
-    force, sliding = run.contacts[i].stops.force(u, v), np.full(t.shape, np.nan)
-    if tangent is not None:
+    cells = min(CELLS, max(1, MOST_NODES // max(1, len(left))))
+    t = (left[:, None] + width[:, None] * (np.arange(cells) + 0.5) / cells).ravel()
+    u, v = run.at(t, contact=i) if len(t) else (t, t)
+    sliding = np.full(len(t), np.nan)
+    if tangent is not None and len(t):
         assert run.state_at is not None
-        sliding = (run.state_at(t.ravel())[1] @ tangent).reshape(t.shape)
-    # The midpoints of a third of the cells are among those of all.
-    works = np.abs(force * np.array([v] if tangent is None else [v, sliding]))
-    whole, third = (np.sum(width * np.mean(x, axis=-1), axis=-1) for x in (works, works[..., 1::3]))
-    change = np.max(np.abs(whole - third) / np.where(whole > 0.0, whole, 1.0), initial=0.0)
-    weights = np.broadcast_to(width[:, None] / cells, t.shape)
-    nodes = t.ravel(), weights.ravel(), force.ravel(), v.ravel(), sliding.ravel()
-    return f"events, quadrature to {change:.0e}", [nodes]
+        sliding = run.state_at(t)[1] @ tangent
+    return t, np.repeat(width / cells, cells), run.contacts[i].stops.force(u, v), v, sliding

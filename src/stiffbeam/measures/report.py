@@ -14,7 +14,6 @@ from ..basics.text import several, with_unit
 from ..references.registry import REFERENCES
 from ..schemes.labels import short_label
 from ..trajectory.trajectory import Reference, Trajectory
-from .errors import ContactMeasures
 
 if TYPE_CHECKING:
     from ..model.problem import BeamProblem
@@ -63,20 +62,13 @@ def error_name(run: Trajectory) -> str:
 
 
 def largest(run: Trajectory) -> str:
-    """Number of impacts, largest contact force or, on rigid stops, impulse, and largest displacement of a run, and the
-    horizon within it."""
-    records = run.contacts
-    sizes: dict[str, Any] = {
-        "contact force": [record.peak_force for record in records],
-        "impulse": [x for record in records if record.stops.rigid for x in record.impacts.impulses],
-        "displacement": np.abs(run.tip),
-    }
-    facts = [f"largest {name} {np.nanmax(x):.4g}" for name, x in sizes.items() if np.any(np.greater(x, 0.0))]
-    if records and not any(record.impacts.kind == "unknown" for record in records):
-        facts.insert(0, several(sum(record.impacts.count for record in records), "impact"))
+    """Number of impacts, where it is known, largest displacement of a run, and the horizon within it."""
+    facts = [f"largest displacement {np.max(np.abs(run.tip)):.4g}"]
+    if run.contacts and not any(record.impacts.kind == "unknown" for record in run.contacts):
+        facts.insert(0, several(sum(record.impacts.count for record in run.contacts), "impact"))
     if isinstance(run, Reference) and run.horizon < run.t[-1]:
         facts.append(f"horizon t = {run.horizon:.4g}")
-    return ", ".join(facts) or "at rest"
+    return ", ".join(facts)
 
 
 def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> str:
@@ -93,15 +85,10 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
 def verdict(comparisons: Sequence[Comparison]) -> str:
     """A sentence on runs with one reference: how long their impacts match, or how far off the tip is."""
     known = {c.label: c.matched_until for c in comparisons if c.contacts and np.isfinite(c.matched_until)}
-    name = error_name(comparisons[0].pair[1])
-    if not known:
-        errors = extremes({c.label: c.tip_error_rms for c in comparisons}, percent)
-        return f"{name} {errors} rms to t = {comparisons[0].window:.3g}"
-    if len(comparisons) == 1:
-        (one,) = comparisons
-        error = percent(one.tip_error_to(one.matched_until))
-        return f"impacts match to t = {one.matched_until:.3g}, {name} {error} rms"
-    return f"impacts match to t = {extremes(known, '{:.3g}'.format)}"
+    if known:
+        return f"impacts match to t = {extremes(known, '{:.3g}'.format)}"
+    errors = extremes({c.label: c.tip_error_rms for c in comparisons}, percent)
+    return f"{error_name(comparisons[0].pair[1])} {errors} rms to t = {comparisons[0].window:.3g}"
 
 
 def common_window(comparisons: Sequence[Comparison]) -> float:
@@ -124,17 +111,11 @@ class Report:
     tables: Sequence[tuple[str, Any]]  # (title, pandas.DataFrame), each to its number of rows
     after: Iterable[str] = ()
 
-    def text(self, width: int | None = None) -> str:
+    def text(self, width: int = WIDTH) -> str:
         """The report in lines of at most ``width`` letters; a wider table is in parts with the same first column."""
-        before, after = (
-            [line if width is None else fill(line, width) for line in lines if line]
-            for lines in (self.before, self.after)
-        )
+        before, after = ([fill(line, width) for line in lines if line] for lines in (self.before, self.after))
         tables = [f"{title}\n{_table_text(frame, width)}\n".lstrip("\n") for title, frame in self.tables if len(frame)]
         return "\n".join([*before, *tables, *after])
-
-    def __str__(self) -> str:
-        return self.text(WIDTH)
 
 
 class Reported:
@@ -163,7 +144,7 @@ class Reported:
         return before + "".join(tables) + after
 
 
-def _table_text(frame: Any, width: int | None) -> str:
+def _table_text(frame: Any, width: int) -> str:
     """Text of a table, its first column to the left; heads of several words are in two lines."""
     import pandas
 
@@ -184,11 +165,9 @@ def report_of(comparisons: Sequence[Comparison], failures: Sequence[tuple[str, s
 
     failures: ("failed" or "refused", label, message) of what could not be compared.
     """
-    remarks, tables, notes = dict.fromkeys(c.remark for c in comparisons), list[tuple[str, Any]](), dict[str, None]()
-    if comparisons:
-        tables = [_table(comparisons, to_end) for to_end in (False, True)]
-        heads = " ".join(str(head) for _, frame in tables for head in frame)
-        notes = dict.fromkeys(_notes(comparisons, heads))
+    remarks = dict.fromkeys(c.remark for c in comparisons)
+    tables = [_table(comparisons, to_end) for to_end in (False, True) if comparisons]
+    notes = dict.fromkeys(_notes(comparisons) if comparisons else ())
     return Report(remarks, tables, [*notes, *("  ".join(failure) for failure in failures)])
 
 
@@ -221,43 +200,44 @@ def _table(comparisons: Sequence[Comparison], to_end: bool) -> tuple[str, Any]:
         with_unit(first.units, *name)
         for name in (("lag", "time"), ("impact delay", "time"), ("peak force", "force"), ("impulse", "impulse"))
     )
+    forms: dict[str, Callable[[Any], str]] = {
+        "ns per step": number, error: percent, lag: "{:.2g}".format, delay: "{:.2g}".format,
+        "energy lost": energy_share, "impacts right to": str, "impacts": "{:.0f}".format, "contact time": percent,
+        force: "{:.4g}".format, impulse: "{:.4g}".format,
+    }  # fmt: skip
 
-    def of_run(c: Comparison) -> dict[str, str]:
+    def of_run(c: Comparison) -> dict[str, Any]:
         if to_end:
-            return {"ns per step": number(c.ns_per_step), "energy lost": energy_share(c.totals_energy_lost)}
+            return {"ns per step": c.ns_per_step, "energy lost": c.totals_energy_lost}
         return {
-            error: percent(c.tip_error_to(min(common, c.window))), lag: number(c.phase.lag, 2),
-            "energy lost": energy_share(c.energy_lost),
+            error: c.tip_error_to(min(common, c.window)), lag: c.phase.lag, "energy lost": c.energy_lost,
             "impacts right to": _until(c.matched_until, c.window, first.window),
         }  # fmt: skip
 
-    def of_contact(c: Comparison, run: bool, contact: ContactComparison | None) -> dict[str, str]:
-        side = ("run" if run else "reference") + "_totals" * to_end
-        x = ContactMeasures() if contact is None else getattr(contact, side)
-        row = {"impacts": str(x.impacts) if x.impacts >= 0 else DASH, "contact time": percent(x.fraction)}
+    def of_contact(c: Comparison, run: bool, contact: ContactComparison) -> dict[str, Any]:
+        x = getattr(contact, ("run" if run else "reference") + "_totals" * to_end)
+        row = {"impacts": x.impacts if x.impacts >= 0 else np.nan, "contact time": x.fraction}
         if to_end:
-            return row | {force: number(x.peak_force, 4), impulse: number(x.impulse, 4)}
-        if contact is None or not run or contact.run.impacts < 0:
+            return row | {force: x.peak_force, impulse: x.impulse}
+        if not run or contact.run.impacts < 0:
             return row
         until = _until(contact.matching.matched_until, c.window, first.window)
-        return row | {delay: number(contact.matching.median_delay, 2), "impacts right to": until}
+        return row | {delay: contact.matching.median_delay, "impacts right to": until}
 
-    rows = list[dict[str, str]]()
+    rows = list[dict[str, Any]]()
     lines = [(f"{short(first.reference)} (reference)", first, False)]
     lines += [(name, c, True) for name, c in zip(_names(comparisons), comparisons, strict=True)]
     for name, c, run in lines:
         if run and to_end and not c.steps:
             continue  # the adaptive solvers end at the horizon
-        contact = c.contacts[touched[0]] if touched else None
-        alone = of_contact(c, run, contact) if len(touched) < 2 else {}
+        alone = of_contact(c, run, c.contacts[touched[0]]) if len(touched) == 1 else {}
         rows.append({"run": name} | alone | (of_run(c) if run else {}))
         for i in touched if len(touched) > 1 else ():
             rows.append({"run": f"  {c.contacts[i].name}"} | of_contact(c, run, c.contacts[i]))
-    order = ["run", "ns per step", error, lag, delay, "energy lost", "impacts right to", "impacts",
-             "contact time", force, impulse]  # fmt: skip
-    frame: Any = pandas.DataFrame(rows).fillna("")
-    kept = [head for head in order if head in frame and not frame[head].isin([DASH, ""]).all()]
-    return _title(comparisons, to_end), frame[kept]
+    frame: Any = pandas.DataFrame(rows).reindex(columns=["run", *forms]).dropna(axis="columns", how="all")
+    for head in frame.columns[1:]:
+        frame[head] = frame[head].map(forms[head], na_action="ignore")
+    return _title(comparisons, to_end), frame.fillna("")
 
 
 def _title(comparisons: Sequence[Comparison], to_end: bool) -> str:
@@ -266,54 +246,34 @@ def _title(comparisons: Sequence[Comparison], to_end: bool) -> str:
     form = first.reference.partition("@")[2]
     if not to_end:
         return f"To the horizon t = {number(first.window)}, {form} form"
-    parted = min((c.matched_until for c in comparisons if c.matched_until < c.window), default=first.window)
-    differ = f"; impacts differ from t = {number(parted)} on" if parted < first.window else ""
-    if first.window < end * (1 - 1e-9):
-        differ = ": one realisation each, compare statistically"
-    return f"To t = {end:g}, {form} form{differ}"
+    chance = first.window < end * (1 - 1e-9) or any(c.matched_until < c.window for c in comparisons)
+    return f"To t = {end:g}, {form} form{': one realisation each, compare statistically' * chance}"
 
 
-def _until(until: float, window: float, horizon: float) -> str:
+def _until(until: float, window: float, horizon: float) -> str | None:
     """The time to which impacts match, or the words for the end of the table or of a shorter run."""
     end = "its end" if window < horizon * (1 - 1e-9) else "horizon"
-    return DASH if np.isnan(until) else number(until) if until < window else end
+    return None if np.isnan(until) else number(until) if until < window else end
 
 
-HEADS = {  # what the heads of columns mean
-    "lag": "Lag: > 0 is late.", "delay": "Delay: > 0 is late.",
-    "energy lost": "Energy lost: by the scheme, of the energy supplied.",
-    "impacts": "Impacts: those that the time steps show.",
-}  # fmt: skip
-ON_RIGID_STOPS = "Impacts: of a scheme one a step at most, of the reference all, beside arrays those of their steps."
-
-
-def _notes(comparisons: Sequence[Comparison], heads: str) -> Iterator[str]:
-    """The notes without which the tables, with these heads of columns, would be misread."""
+def _notes(comparisons: Sequence[Comparison]) -> Iterator[str]:
+    """The notes without which the tables would be misread, and the reasons of numbers that are missing."""
     first, common = comparisons[0], common_window(comparisons)
     match = "" if common == first.window else ", where the impacts of all runs still match"
-    rigid = any(np.isnan(c.reference.peak_force) for c in first.contacts)
-    counted = {"impacts": ON_RIGID_STOPS} if rigid else {}
-    meanings = [meaning for head, meaning in (HEADS | counted).items() if head in heads]
-    error = error_name(first.pair[1])
-    yield " ".join([f"{error.capitalize()}: rms over max |u|, to t = {number(common)}{match}.", *meanings])
+    yield f"{error_name(first.pair[1]).capitalize()}: rms over max |u|, to t = {number(common)}{match}."
     touched, contacts = _touched(comparisons), first.contacts
     if 0 < len(touched) < len(contacts):
         yield f"Never touched: {len(contacts) - len(touched)} of {len(contacts)} contacts."
     events = sum(c.reference_totals.event_impacts for c in contacts)
     if events != sum(c.reference_totals.impacts for c in contacts):
-        yield f"The reference has {events} impacts to t = {first.t_end:g} in all."
-    for c in (c for c in comparisons if np.isnan(c.energy_lost) and c.pair[0].has_energy):
-        why = "almost no energy is supplied"
-        if not c.pair[0].energy.is_resolved(len(c.times) - 1):
-            why = "the time step does not resolve the dissipation of dampers"
-        yield f"Energy lost is {DASH} or left out where {why}."
-    system = first.pair[1].system
-    if first.reference.partition("@")[0] in ("exact", "multiprecision") and system is not None and system.problem:
-        yield "The reference is exact for this mesh; `stiffbeam study space` measures the mesh."
-    for run in (first.pair[1], *(c.pair[0] for c in comparisons)):
-        if "budget" in run.provenance:
-            yield f"{short(run.label)} was computed {run.provenance['budget']}, and its {error} is to that time."
-    if any(x.impacts.at_start for x in first.pair[1].contacts):
-        yield "A contact that begins at t = 0 counts as contact, not as an impact."
+        yield f"Impacts: those that the time steps show; the reference has {events} to t = {first.t_end:g} in all."
     for c in comparisons:
-        yield from (f"{c.label.partition('@')[0]}, {reason}." for reason in c.missing)
+        label = c.label.partition("@")[0]
+        if c.window < common:
+            yield f"{label} ends at t = {number(c.window)}, and its error is to that time."
+        if np.isnan(c.energy_lost) and c.pair[0].has_energy:
+            why = "almost no energy is supplied"
+            if not c.pair[0].energy.is_resolved(len(c.times) - 1):
+                why = "the time step does not resolve the dissipation of dampers"
+            yield f"{label}, energy lost: {why}."
+        yield from (f"{label}, {reason}." for reason in c.missing)

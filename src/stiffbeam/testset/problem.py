@@ -91,11 +91,6 @@ class Problem:
         """Times (samples,) of tip and tip_velocity."""
         return np.arange(1, self.samples + 1) * self.t_end / self.samples
 
-    @property
-    def rigid(self) -> bool:
-        """True if a stop is rigid, with a restitution."""
-        return self.system.rigid
-
     @cached_property
     def system(self) -> System:
         """The system to integrate."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 from ..basics.arrays import Array
 from ..basics.resources import Show, working
 from ..basics.storage import write_whole
-from ..basics.text import plain, several
+from ..basics.text import plain
 from ..basics.validation import InputError, sequence
 from ..figures import chart
 from ..figures.chart import Figure
@@ -121,15 +122,6 @@ class Scorecard(Reported):
         """The names of the integrators, in the order of the entries."""
         return list(dict.fromkeys(entry.integrator for entry in self.entries))
 
-    @property
-    def problems(self) -> list[Problem]:
-        """The problems, in the order of the entries."""
-        return list({entry.problem.name: entry.problem for entry in self.entries}.values())
-
-    def entry(self, integrator: str, problem: str) -> Entry:
-        """One entry by integrator and problem; KeyError if there is none."""
-        return {(e.integrator, e.problem.name): e for e in self.entries}[integrator, problem]
-
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts, for JSON."""
         entries = [e.row() | {"runs": list(e.runs)} for e in self.entries]
@@ -143,14 +135,16 @@ class Scorecard(Reported):
 
     def summary(self) -> str:
         """Number of entries for each outcome, as a sentence."""
-        outcomes = [e.outcome for e in self.entries]
-        order = (CONVERGES, NOT_JUDGED, LOW_ORDER, MISSED, STAYS, FAILED, NOT_TAKEN)
-        return ", ".join(f"{outcomes.count(x)} {x}" for x in order if x in outcomes)
+        outcomes = Counter(e.outcome for e in self.entries)
+        return ", ".join(f"{count} {outcome}" for outcome, count in outcomes.most_common())
 
     def table(self) -> pd.DataFrame:
         """Texts to print: of one integrator all errors, of several the tip error of each, by problem."""
         if len(self.integrators) > 1:
-            cells = {short(name): {p.name: self._cell(name, p) for p in self.problems} for name in self.integrators}
+            cells: dict[str, dict[str, str]] = {short(name): {} for name in self.integrators}
+            for e in self.entries:
+                known = _number(e.best.get("tip_error", np.nan)) + " !" * e.flagged
+                cells[short(e.integrator)][e.problem.name] = FAILED if e.outcome == FAILED else known or DASH
             return pd.DataFrame(cells).rename_axis("problem").reset_index()
         lines = [
             {
@@ -158,7 +152,6 @@ class Scorecard(Reported):
                 "order": f"{e.order_of}: {e.order}".removeprefix("tip: ") if np.isfinite(e.order.interval) else "",
                 "expected": f"{e.expected:.3g}" if np.isfinite(e.expected) else "",
                 **{name: _number(abs(e.best.get(column, np.nan))) for column, name in QUANTITIES.items()},
-                "impacts": _impacts(e),
                 "outcome": e.outcome,
             }
             for e in self.entries
@@ -166,51 +159,38 @@ class Scorecard(Reported):
         table: Any = pd.DataFrame(lines)
         return table[[x for x in table if x in ("problem", "outcome") or any(table[x] != "")]]
 
-    def _cell(self, name: str, of: Problem) -> str:
-        entry = self.entry(name, of.name)
-        if entry.outcome in (FAILED, NOT_TAKEN):
-            return FAILED if entry.outcome == FAILED else DASH
-        return _number(entry.best["tip_error"]) + (" !" if entry.flagged else "")
-
     def report(self) -> Report:
         """The summary, the table, and every reason, once for all problems and integrators that share it."""
         who = self.integrators[0] if len(self.integrators) == 1 else f"test set {VERSION}"
         head = "Errors are those of the finest run; of the tip the rms over its largest displacement."
         if len(self.integrators) > 1:
             head = f"Tip error of the finest run. !: see below. {DASH}: {NOT_TAKEN}."
-        rows: Any = pd.DataFrame(
-            [(short(e.integrator), e.problem.name, e.outcome, e.reason,
-              e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason)
-             for e in sorted(self.entries, key=lambda e: not e.flagged) if e.reason],
-            columns=["who", "on", "outcome", "reason", "alike"],
-        )  # fmt: skip
-        for name, other in (("on", "who"), ("who", "on")):
-            groups = rows.groupby([other, "outcome", "alike"], sort=False, as_index=False)
-            rows = groups.agg({name: ", ".join, "reason": "first"})
-        notes = [f"{x.who} on {x.on}: {x.outcome}, {x.reason}" for x in rows.itertuples()]
+        alike: dict[tuple[str, ...], list[Entry]] = {}
+        for e in sorted((e for e in self.entries if e.reason), key=lambda e: not e.flagged):
+            # Refusals name the value of the problem, which is another one in each.
+            reason = e.reason.partition(" must ")[0] if e.outcome == NOT_TAKEN else e.reason
+            alike.setdefault((e.integrator, e.outcome, reason), []).append(e)
+        notes = [
+            f"{short(each[0].integrator)} on {', '.join(e.problem.name for e in each)}: {outcome}, {each[0].reason}"
+            for (_, outcome, _), each in alike.items()
+        ]
         return Report([f"{who}: {self.summary()}"], [("", self.table())], [head, *notes])
 
     def __repr__(self) -> str:
-        counts = several(len(self.integrators), "integrator"), several(len(self.problems), "problem")
-        return f"<Scorecard: {', '.join(counts)}, {len(self.flagged)} flagged>"
+        return f"<Scorecard of {', '.join(self.integrators)}: {self.summary()}>"
 
     def figure(self, problem: str) -> Figure:
-        """Errors of tip and impact times on a problem over the cost."""
-        entries = [e for e in self.entries if e.problem.name == problem]
-        figure = chart.new_figure(3.6, entries[0].problem.title)
-        left, right = figure.subplots(1, 2)
-        for e in (e for e in entries if e.runs):
-            for axis, column in ((left, "tip_error"), (right, "impact_time_error")):
-                errors = np.maximum([abs(run[column]) for run in e.runs], 1e-16)
-                style = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
-                axis.plot([run["cost"] for run in e.runs], errors, **style, label=short(e.integrator))
-        for axis, label in ((left, "rms error of u over max |u|"), (right, "largest error of impact times")):
-            axis.set(xlabel="stages, or right-hand sides", ylabel=label)
-            if any(np.any(np.isfinite(np.asarray(line.get_ydata(), float))) for line in axis.lines):
-                chart.log_scale(axis)
-            else:
-                chart.say_empty(axis, "no impact times are known")
-        chart.mark_order(left, [-2.0], y=0.95)  # errors fall to the right: above them is room
+        """Error of the tip on a problem over the cost."""
+        entries = [e for e in self.entries if e.problem.name == problem and e.runs]
+        figure = chart.new_figure(4.2, entries[0].problem.title, width=7.0)
+        axis = figure.subplots()
+        for e in entries:
+            errors = np.maximum([run["tip_error"] for run in e.runs], 1e-16)
+            style: Any = chart.look(e.integrator) | {"ms": 4, "lw": 1.2}
+            axis.plot([run["cost"] for run in e.runs], errors, label=short(e.integrator), **style)
+        axis.set(xlabel="stages, or right-hand sides", ylabel="rms error of u over max |u|")
+        chart.log_scale(axis)
+        chart.mark_order(axis, [-2.0], y=0.95)  # errors fall to the right: above them is room
         chart.shared_legend(figure, 6)
         return figure
 
@@ -229,13 +209,6 @@ class Scorecard(Reported):
 def _number(x: float) -> str:
     """An error with two digits, empty if it is not known."""
     return "" if not np.isfinite(x) else "0" if x == 0.0 else f"{x:.1e}"
-
-
-def _impacts(e: Entry) -> str:
-    if e.best.get("impacts", -1) < 0 or "impacts" not in e.problem.answers:
-        return ""
-    more = "∞" if "accumulation" in e.problem.answers else len(e.problem.answers["impacts"].digits)
-    return f"{e.best['impacts']} of {more}"
 
 
 def score(
@@ -539,7 +512,7 @@ def _energy(problem: Problem, run: Trajectory) -> float:
         return NAN
     last = int(np.argmin(np.abs(run.t - problem.t_end)))
     q, v = (x[last] for x in run.states)
-    energy = float(sum(system.free_energies(q, v) if problem.rigid else system.energies(run.t[last], q, v)))
+    energy = float(sum(system.free_energies(q, v) if system.rigid else system.energies(run.t[last], q, v)))
     return (energy - problem.answers["energy"].value) / problem.answers["energy_scale"].value
 
 

@@ -97,8 +97,6 @@ def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
     return ContactRecord(stops, u, v, force, impacts, *totals(t, force))
 
 
-NO_STATES = "the run came as arrays without states, (t, q, v)"
-NO_REACTIONS = "arrays, which have no reactions of rigid stops"
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the end: times that are apart by no more are one time
 SAME_POSITION = 1e-4  # of the motion: the rounding of five digits, less than a step changes
 OVERFLOWS = "end the run before it overflows"
@@ -117,8 +115,6 @@ def run_fields(
     times, rows = distinct_times(given)
     if times[0] != 0.0 or len(times) < 3:
         raise InputError("t", given, "be three or more times from 0 on", "begin with the initial state, at t = 0")
-    if not isinstance(name, str) or not name:
-        raise InputError("name", name, "be a text", 'for example "mine"')
     of_all = [] if system is None else [(len(given), require_system(system).size)]
     u, q, v, smoothed = _rows("tip", tip, given.shape, *of_all), None, None, tip_velocity is None
     w = None if smoothed else _rows("tip_velocity", tip_velocity, u.shape)

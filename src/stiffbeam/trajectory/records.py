@@ -16,7 +16,7 @@ from ..model.contact import Stops, channel_motion
 from ..model.modes import Modes
 from ..model.system import System
 from ..model.time_functions import evaluate
-from .schema import IMPACT_FIELDS, LEDGER_FIELDS, frame_of
+from .schema import IMPACT_FIELDS
 
 if TYPE_CHECKING:
     import pandas
@@ -143,9 +143,11 @@ class Impacts:
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a row for each impact: ``impact_time`` to ``impact_impulse``, ``impact_open_at_start`` for the contact
         at t = 0."""
+        import pandas
+
         rows, flags = self.listed()
-        columns = {name: (("impact",), getattr(rows, field)) for field, name in IMPACT_FIELDS.items()}
-        return frame_of(columns | {"impact_open_at_start": (("impact",), flags)}, "impact")
+        columns = {name: getattr(rows, field) for field, name in IMPACT_FIELDS.items()}
+        return pandas.DataFrame(columns | {"impact_open_at_start": flags}).rename_axis("impact")
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,11 +235,6 @@ class Ledger:
             f"<Ledger: {len(self.t)} times to {self.t[-1]:g}, energy {self.energy[0]:.4g} to {self.energy[-1]:.4g}, "
             f"input {self.input[-1]:.4g}, viscous {self.viscous[-1]:.4g}, loss {self.loss[-1]:.4g}>"
         )
-
-    def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row for each time, the index: the columns ``energy_kinetic`` to ``energy_spread``."""
-        columns = {name: (("time",), getattr(self, field)) for field, name in LEDGER_FIELDS.items()}
-        return frame_of({"time": (("time",), self.t)} | columns, "time")
 
     @property
     def energy(self) -> Array:

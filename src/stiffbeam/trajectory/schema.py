@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..basics.arrays import Array
 from ..basics.storage import content_hash, write_netcdf, write_whole
 from ..basics.text import Units, plain, unit_of
 from ..basics.validation import InputError, file_path, numbers
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 FORMAT = 4  # of files
 CONVENTIONS = "CF-1.11"
-SUFFIXES = (".nc", ".csv", ".json")
 
 VARIABLES = {  # name: quantity, from which the unit follows, see ``Units``, "" for none; meaning
     "time": ("time", "time"),
@@ -141,52 +139,6 @@ def notes_of(name: str, units: Units) -> dict[str, str]:
     return {"long_name": long_name} | ({"units": unit} if unit else {})
 
 
-def frame_of(values: Values, index: str, units: Units | None = None, **attributes: Any) -> pandas.DataFrame:
-    """The table with one row for each entry of the dimension ``index``: a column for each variable along it, and
-    ``contact_force_0``, ``contact_force_1`` for one that every contact has. attrs: units by column, and more."""
-    import pandas
-
-    columns: dict[str, Any] = {}
-    unit: dict[str, str] = {}
-    for name, (dims, array) in values.items():
-        each = {name: array} if dims == (index,) else {}
-        # A column for every contact.
-        if len(dims) == 2 and set(dims) == {"contact", index}:
-            each = {f"{name}_{i}": row for i, row in enumerate(array)}
-        columns |= each
-        if units is not None and name in BY_NAME:
-            unit |= dict.fromkeys(each, notes_of(name, units).get("units", ""))
-    frame = pandas.DataFrame(columns)
-    frame.attrs.update(attributes | ({"units": unit} if units is not None else {}))
-    return frame.set_index(index) if index in columns else frame.rename_axis(index)
-
-
-def dataset_of(result: Any, x: Any = None) -> xarray.Dataset:
-    """All variables of a run or an ensemble with their attributes; the provenance is an attribute of the whole."""
-    import xarray
-
-    values = values_of(result, x)
-    data = {name: (dims, array, notes_of(name, result.units)) for name, (dims, array) in values.items()}
-    attributes: dict[str, Any] = {
-        "Conventions": CONVENTIONS,
-        "title": f"stiffbeam {result.kind}: {result.label}",
-        "source": f"stiffbeam {result.provenance.get('stiffbeam', '')}".strip(),
-        "stiffbeam_format": FORMAT,
-        "kind": result.kind,
-        "fingerprint": result.fingerprint,
-        "provenance": json.dumps(plain(result.provenance)),
-        "work": json.dumps(asdict(result.work)),
-        "stops": json.dumps([stops.data for stops in result.stops]),
-        "impact_kind": ",".join(c.impacts.kind for c in result.contacts) or "none",
-    }
-    attributes |= {"horizon": result.horizon} if result.kind == "reference" else {}
-    attributes |= {"parameter": result.members.parameter} if result.kind == "ensemble" else {}
-    coordinates = [name for name in data if name not in VARIABLES]
-    dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
-    dataset.attrs["hash"] = content_hash(dataset)
-    return dataset
-
-
 class Saved:
     """Label, units and files of a run or an ensemble."""
 
@@ -208,43 +160,54 @@ class Saved:
 
         Of a run: tip, tip_velocity, ``contact_force_0`` and so on of every contact, and the energies if the run has an
         energy balance. Of an ensemble: the varied parameter by its name where it is a number, ``diverged``, and
-        ``impact_count_0``, ``contact_fraction_0``, ... of every contact. Units and provenance in ``attrs``.
+        ``impact_count_0``, ``contact_fraction_0``, ... of every contact.
         """
-        notes = {"provenance": self.provenance}
-        if self.kind != "ensemble":
-            return frame_of(values_of(self), "time", self.units, **notes)
-        return frame_of(values_of(self), "member", self.units, parameter=self.members.parameter, **notes)
+        import pandas
 
-    def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
+        index, columns = "member" if self.kind == "ensemble" else "time", dict[str, Any]()
+        for name, (dims, array) in values_of(self).items():
+            if dims == (index,):
+                columns[name] = array
+            elif len(dims) == 2 and set(dims) == {"contact", index}:
+                columns |= {f"{name}_{i}": row for i, row in enumerate(array)}
+        return pandas.DataFrame(columns).set_index(index)
+
+    def to_xarray(self: Any, x: ArrayLike | None = None) -> xarray.Dataset:
         """All variables as an xarray.Dataset with units, provenance as attributes; of a run, with positions x along the
         beam, also displacement(time, x) and velocity(time, x)."""
-        return dataset_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
+        import xarray
+
+        values = values_of(self, None if x is None else numbers("x", np.atleast_1d(x)))
+        data = {name: (dims, array, notes_of(name, self.units)) for name, (dims, array) in values.items()}
+        attributes: dict[str, Any] = {
+            "Conventions": CONVENTIONS,
+            "title": f"stiffbeam {self.kind}: {self.label}",
+            "source": f"stiffbeam {self.provenance.get('stiffbeam', '')}".strip(),
+            "stiffbeam_format": FORMAT,
+            "kind": self.kind,
+            "fingerprint": self.fingerprint,
+            "provenance": json.dumps(plain(self.provenance)),
+            "work": json.dumps(asdict(self.work)),
+            "stops": json.dumps([stops.data for stops in self.stops]),
+            "impact_kind": ",".join(c.impacts.kind for c in self.contacts) or "none",
+        }
+        attributes |= {"horizon": self.horizon} if self.kind == "reference" else {}
+        attributes |= {"parameter": self.members.parameter} if self.kind == "ensemble" else {}
+        coordinates = [name for name in data if name not in VARIABLES]
+        dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
+        dataset.attrs["hash"] = content_hash(dataset)
+        return dataset
 
     def save(self: Any, file: str | Path) -> Path:
         """Write it in the format that the suffix names; an interrupted write leaves no file.
 
-        .nc: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .json: the same, in the layout of
-        ``xarray.Dataset.to_dict``. .csv: ``to_dataframe()``, a line for each output time or member; impacts have a
-        table of their own, ``run.impacts.to_dataframe()``. Raises InputError for any other suffix.
+        .nc: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .csv: ``to_dataframe()``, a line for each
+        output time or member; impacts have a table of their own, ``run.impacts.to_dataframe()``. Raises InputError for
+        any other suffix.
         """
         suffix = file_path("file", file, 'for example "run.nc"').suffix.lower()
-        if suffix not in SUFFIXES:
-            remedy = f"name it {Path(file).stem}.nc"
-            raise InputError("file", str(file), f"end in {' or '.join(SUFFIXES)}", remedy)
         if suffix == ".csv":
             return write_whole(file, self.to_dataframe().to_csv())
-        data = dataset_of(self)
-        if suffix == ".json":
-            return write_whole(file, json.dumps(plain(data.to_dict()), allow_nan=False) + "\n")
-        return write_netcdf(data, file, compression=4 if self.kind == "ensemble" else 0)
-
-
-GIVEN_TIMES = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"
-
-
-def output_index(t: Array, times: Array, method: str) -> NDArray[np.int64]:
-    """Indices of ``times`` among the output times t. Raises InputError for any other time."""
-    index = np.clip(np.searchsorted(t, times - 1e-12 * t[-1]), 0, len(t) - 1)
-    if np.any(np.abs(t[index] - times) > 1e-11 * t[-1]):
-        raise InputError("t", "new times", f"be among t_eval for {method}", GIVEN_TIMES)
-    return index
+        if suffix != ".nc":
+            raise InputError("file", str(file), "end in .nc or .csv", f"name it {Path(file).stem}.nc")
+        return write_netcdf(self.to_xarray(), file, compression=4 if self.kind == "ensemble" else 0)

@@ -18,9 +18,9 @@ from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.text import DRAW, sentence, several
 from ..basics.validation import InputError, integer, numbers, positive, sequence
-from .recorder import NO_REACTIONS, NO_STATES, run_fields, sampled_record
+from .recorder import run_fields, sampled_record
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
-from .schema import Saved, output_index
+from .schema import Saved
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -159,17 +159,15 @@ class Trajectory(Saved):
         return cls(work=Work(len(entries["t"]) - 1, unknown, unknown), **entries)
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state that can be sent to another process: functions of the solver cannot.
-
-        Energy and states at the output times are made before, and sent themselves.
-        """
-        state = dict(self.__dict__)
-        substitutes = {"ledger": "energy", "pieces": "states", "state_at": "states"}
-        for name in (*substitutes, "evaluate", "derive", "solution"):
-            if state.get(name) is not None and not _travels(state[name]):
+        """The state that can be sent to another process: in place of a solver's functions their outputs."""
+        state, sources = dict(vars(self)), {"ledger": "energy", "pieces": "states", "state_at": "states"}
+        for name in sources.keys() | state.keys() & {"evaluate", "derive", "solution"}:
+            try:
+                pickle.dumps(state.get(name))
+            except Exception:  # whatever the objects of others raise when they are pickled
                 state[name] = None
-                if name in substitutes:
-                    state[substitutes[name]] = getattr(self, substitutes[name])
+                if name in sources:
+                    state[sources[name]] = getattr(self, sources[name])
         return state
 
     def __repr__(self) -> str:
@@ -215,8 +213,8 @@ class Trajectory(Saved):
 
     @property
     def _source(self) -> str:
-        """Source of a run without states."""
-        return NO_STATES if self.provenance.get("source") == "arrays" else "a loaded file"
+        """Source of a run that lacks states or reactions."""
+        return "arrays" if self.provenance.get("source") == "arrays" else "a loaded file"
 
     @property
     def has_energy(self) -> bool:
@@ -228,9 +226,8 @@ class Trajectory(Saved):
         """Energy balance at the output times; that of a scheme is summed over every step. Raises Diverged if an energy
         is beyond float64 although the motion is not."""
         if self.ledger is None:
-            if self.pieces is not None:
-                raise InputError("energy", NO_REACTIONS, "be that of a run with them", "use integrate")
-            raise InputError("energy", self._source, "have been saved with the run", "run it again, with its states")
+            rule = "come from a run with states and the reactions of rigid stops"
+            raise InputError("energy", self._source, rule, "integrate again, or pass q and v")
         ledger = self.ledger()
         finite = np.all([np.isfinite(getattr(ledger, column.name)) for column in fields(ledger)], axis=0)
         if not np.all(finite):
@@ -256,18 +253,9 @@ class Trajectory(Saved):
         """Draw displacement, contact forces, phase portrait and energy, and return the matplotlib Figure."""
         return DRAW["run"](self)
 
-    def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), **options: Any) -> Path:
-        """Write a film, .gif or .mp4, of this run and runs ``beside`` it; options: ``figures.animation.animate``."""
-        return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, **options)
-
-
-def _travels(value: Any) -> bool:
-    """Return True if the object can be sent to another process."""
-    try:
-        pickle.dumps(value)
-    except Exception:  # whatever the objects of others raise when they are pickled
-        return False
-    return True
+    def animate(self, file: str | Path, beside: Sequence[Trajectory] = (), frames: int = 160) -> Path:
+        """Write a film, .gif or .mp4 with 20 ``frames`` per second, of this run and runs ``beside`` it."""
+        return DRAW["film"]([self, *sequence("beside", beside, "be runs")], file, frames)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -321,10 +309,14 @@ class Reference(Trajectory):
     def at(self, t: ArrayLike, contact: int | None = None) -> tuple[Array, Array]:
         """(tip, tip velocity) at any times in [0, t_end], or position and velocity of a contact."""
         t = self._times(t)
-        if contact is not None:
-            self._contact(contact)
+        if contact is not None and integer("contact", contact, 0) >= len(self.contacts):
+            remedy = f"0 to {len(self.contacts) - 1}" if self.contacts else "leave it out for the tip"
+            raise InputError("contact", contact, "be the number of a contact", remedy)
         if self.evaluate is None:  # a copy from another process has its outputs
-            index = output_index(self.t, t, self.provenance["method"])
+            index = np.clip(np.searchsorted(self.t, t - 1e-12 * self.t[-1]), 0, len(self.t) - 1)
+            if np.any(np.abs(self.t[index] - t) > 1e-11 * self.t[-1]):
+                remedy = "for a comparison pass t_eval=run.t, or numpy.unique(t) for arrays (t, tip)"
+                raise InputError("t", "new times", f"be among t_eval for {self.provenance['method']}", remedy)
             if contact is None:
                 return self.tip[index], self.tip_velocity[index]
             return self.contacts[contact].position[index], self.contacts[contact].velocity[index]
@@ -395,17 +387,8 @@ class Reference(Trajectory):
         size = 3.0 if self.system is None else 2.0 * self.system.size
         afford("dt", dt, "give a larger dt", floats=size * end / dt)
         steps = int(np.floor(end / dt * (1 + 1e-12)))
-        if not self.contacts:
-            return Impacts.at([], [], "sampled")
-        self._contact(contact)
         t = np.arange(steps + 1) * dt
         return sampled_record(t, *self.at(t, contact=contact), self.contacts[contact].stops).impacts
-
-    def _contact(self, contact: int) -> None:
-        """Refuse the number of a contact that is not there."""
-        if integer("contact", contact, 0) >= len(self.contacts):
-            remedy = f"0 to {len(self.contacts) - 1}" if self.contacts else "leave it out for the tip"
-            raise InputError("contact", contact, "be the number of a contact", remedy)
 
     @cached_property
     def states(self) -> tuple[Array, Array]:
