@@ -26,8 +26,8 @@ from cyclopts import App, CycloptsError, Parameter
 
 from .basics.resources import TALK, cores, working
 from .basics.storage import make_folder, write_whole
-from .basics.text import cut, plain
-from .basics.validation import InputError, file_path, one_of, positive
+from .basics.text import plain
+from .basics.validation import InputError, one_of, positive
 from .references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
 
 if TYPE_CHECKING:
@@ -115,7 +115,6 @@ def _json_file(_: Any, file: Path | None) -> None:
     """Raise InputError for a --json that cannot be a file, before anything is computed."""
     if file is None or str(file) == "-":
         return
-    file_path("--json", file)
     make_folder(file.parent, "--json")
     if file.is_dir() or (file.exists() and not os.access(file, os.W_OK)):
         raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
@@ -159,7 +158,7 @@ def default_folder(case: str) -> Path:
 def file_name(label: str) -> str:
     """The label without the characters that shells and file systems dislike, never a folder's name for another."""
     plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
-    return cut("".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip("."), 100) or "_"
+    return "".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip(".")[:100] or "_"
 
 
 def json_text(command: str, records: Mapping[str, Any]) -> str:

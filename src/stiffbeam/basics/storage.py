@@ -55,29 +55,18 @@ def source_hash(folder: Path = Path(__file__).parents[1]) -> str:
     return digest.hexdigest()
 
 
-def forget(folder: Path, pattern: str, most: int) -> None:
-    """Remove the files that match and were not used for longest, down to ``most`` bytes."""
-    used = {path: path.stat() for path in folder.glob(pattern)}
-    size = 0
-    # The latest first, as long as they fit.
-    for path, status in sorted(used.items(), key=lambda item: item[1].st_mtime, reverse=True):
-        size += status.st_size
-        if size > most:
-            path.unlink(missing_ok=True)
-
-
-def regular_text(field: str, file: Path, most: int, remedy: str = "give another") -> str:
+def regular_text(field: str, file: Path, most: int) -> str:
     """The text of a regular file of at most ``most`` bytes, UTF-8 or else Latin-1. Raises InputError for any other, as
     devices and pipes, which have no end."""
     try:
-        if file.exists() and not file.is_file():
-            raise InputError(field, str(file), "be a readable file, no folder, device or pipe", remedy)
+        if not file.is_file():
+            raise OSError("it does not exist, or is a folder, a device or a pipe")
         with file.open("rb") as stream:
             content = stream.read(most + 1)
-    except (OSError, ValueError) as error:
-        raise InputError(field, str(file), "be a readable file", f"{remedy}: {error}") from None
+    except OSError as error:
+        raise InputError(field, str(file), "be a readable file", f"give another: {error}") from None
     if len(content) > most:
-        raise InputError(field, str(file), f"have at most {most} bytes", remedy)
+        raise InputError(field, str(file), f"have at most {most} bytes", "put a part of it into another file")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:

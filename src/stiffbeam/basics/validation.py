@@ -8,11 +8,9 @@ another problem.
 from __future__ import annotations
 
 import math
-import os
 import re
-import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from decimal import Decimal
 from difflib import get_close_matches
 from fractions import Fraction
@@ -22,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .arrays import Array, is_read_only, read_only
-from .text import Units, path_of, sentence, shown, walk
+from .text import Units, path_of, printable, shown, walk
 
 Known = TypeVar("Known")
 Rng = int | np.random.Generator | np.random.BitGenerator | np.random.SeedSequence | None
@@ -33,7 +31,7 @@ LEAST = 1e-300  # of exact numbers: smaller ones are plain floats
 class InputError(ValueError):
     """Bad input: ``field`` must obey ``rule`` but is ``value``; ``remedy`` proposes a fix.
 
-    A ValueError. The message is one line of at most 300 letters.
+    A ValueError. The message is one line, in which a long value is shortened.
 
     Parameters
     ----------
@@ -55,7 +53,7 @@ class InputError(ValueError):
     def __init__(self, field: str, value: Any, rule: str, remedy: str) -> None:
         value = float(value) if isinstance(value, ExactFloat) else value
         self.field, self.value, self.rule, self.remedy = field, value, rule, remedy
-        super().__init__(sentence([field, rule, shown(value), remedy], (" must ", ", got ", ": ")))
+        super().__init__(printable(f"{field} must {rule}, got {shown(value)}: {remedy}"))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Arguments to rebuild the error in another process, without loss."""
@@ -152,15 +150,6 @@ def integer(field: str, value: Any, least: int) -> int:
     return int(value)
 
 
-def generator(rng: Rng) -> np.random.Generator:
-    """numpy.random.default_rng of an argument ``rng``."""
-    try:
-        return np.random.default_rng(rng)
-    except (TypeError, ValueError):
-        rule = "be None, an integer of at least 0, or a generator of numpy.random"
-        raise InputError("rng", rng, rule, "for example 1") from None
-
-
 def one_of(field: str, value: Any, known: Iterable[str], rule: str = "be one that there is") -> str:
     """``value`` if it is one of the ``known`` names; else raise InputError."""
     names = list(known)
@@ -169,13 +158,10 @@ def one_of(field: str, value: Any, known: Iterable[str], rule: str = "be one tha
     return value
 
 
-def file_path(field: str, value: Any, remedy: str = "give a shorter one") -> Path:
-    """``value`` as the path of a file or folder. Raises InputError for what no file system could hold."""
-    # 255 bytes is what common file systems allow for a name.
-    names = str(value).split("/") if isinstance(value, (str, Path)) else []
-    if not names or any("\0" in name or len(name.encode("utf-8", "replace")) > 255 for name in names):
-        rule = "be the path of a file, each name in it at most 255 bytes"
-        raise InputError(field, value, rule, remedy)
+def file_path(field: str, value: Any) -> Path:
+    """``value`` as the path of a file or folder. Raises InputError for anything but a text or a Path."""
+    if not isinstance(value, (str, Path)):
+        raise InputError(field, value, "be the path of a file", 'for example "run.nc"')
     return Path(value)
 
 
@@ -235,28 +221,14 @@ def near(name: Any, known: Iterable[str]) -> str:
     """A remedy that lists the known names closest to ``name``, or all of them where none is close."""
     names = list(known)
     by_letters = {each.lower(): each for each in names}
-    # The search takes time with the square of the length: 100 letters are enough for a name.
-    letters = get_close_matches(name[:100].lower(), by_letters) if isinstance(name, str) else []
+    letters = get_close_matches(name.lower(), by_letters) if isinstance(name, str) else []
     if letters:
         return "did you mean " + " or ".join(by_letters[each] for each in letters) + "?"
     return "known: " + ", ".join(names) if names else "there is none"
 
 
-_FORKED = list[bool]()  # for each fork up to this process: JAX was loaded before
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=lambda: _FORKED.append("jax" in sys.modules))
-
-
-def require_jax_threads() -> None:
-    """Raise InputError in a fork of a process with JAX: its threads are not copied, and JAX would wait for them."""
-    if any(_FORKED):
-        remedy = 'start it by multiprocessing.get_context("spawn")'
-        raise InputError("process", "a fork", "not be a fork of one that has loaded JAX", remedy)
-
-
 def require_jax_float64() -> None:
     """Raise InputError if JAX works in single precision, or not at all."""
-    require_jax_threads()
     import jax
 
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
@@ -336,18 +308,6 @@ def exact_value(x: float) -> tuple[Fraction, bool]:
 def exact_parts(thing: Any, *keys: Any) -> list[str]:
     """Path and text of every ExactFloat in ``walk``."""
     return [f"{path_of(keys)} = {x.text}" for keys, x in walk(thing, *keys) if isinstance(x, ExactFloat)]
-
-
-def as_doubles(value: Any) -> Any:
-    """A dataclass or tuple with every ExactFloat in it replaced by the double that it computes as."""
-    if isinstance(value, ExactFloat):
-        return float(value)
-    if isinstance(value, tuple):
-        return tuple(map(as_doubles, value))
-    # Fields that a class computes by itself are no arguments.
-    if is_dataclass(value) and not isinstance(value, type):
-        return replace(value, **{f.name: as_doubles(getattr(value, f.name)) for f in fields(value) if f.init})
-    return value
 
 
 def _read(text: str) -> tuple[Fraction, bool]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -172,11 +173,10 @@ def paper_case(table: int) -> Case:
 
 def find_case(name: str) -> Case:
     """A case by name: ``table1`` .. ``table17``, a TOML file with one case, or ``file.toml:case``."""
-    name = str(file_path("case", name, "table1 to table17, or a TOML file"))
     head, colon, wanted = name.partition(".toml:")
     file, known = f"{head}.toml" if colon else name, paper_cases()
     # The paper's tables first: no file can stand in their way.
-    if name in known or not (file.endswith(".toml") or Path(file).is_file()):
+    if name in known or not (file.endswith(".toml") or os.path.isfile(file)):
         return known[one_of("case", name, known, "be a table of the paper or a TOML file")]
     cases = load_cases(file)
     if not wanted and len(cases) > 1:
@@ -227,21 +227,15 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     ...     list(sb.load_cases(file))
     ['strip']
     """
-    remedy = "stiffbeam cases --show table10 prints one to start from"
-    file = file_path("case file", file, remedy)
-    if not file.exists():
-        raise InputError("case file", str(file), "exist", remedy)
-    text = regular_text("case file", file, MOST_BYTES, "put samples into a file beside it").replace("\r\n", "\n")
+    file = file_path("case file", file)
+    text = regular_text("case file", file, MOST_BYTES)
     if DOTTED.search(text):
         raise InputError("case file", str(file), "have less than 50 dots in a key", "use tables")
     try:
-        return _parse(_toml(text), str(file), file.parent)
-    except InputError:
-        raise
-    except ValueError as error:
+        data = _toml(text)
+    except (ValueError, RecursionError) as error:
         raise InputError("case file", str(file), "be valid TOML", f"mend it: {error}") from None
-    except RecursionError:
-        raise InputError("case file", str(file), "be valid TOML", "it nests lists too deeply") from None
+    return _parse(data, str(file), file.parent)
 
 
 def compared(case: Case, form: str) -> list[Scheme]:
@@ -337,7 +331,7 @@ def _parse(data: dict[str, Any], source: str, folder: Path | None = None) -> dic
         try:
             case = reader.read(entry, Entry).case()
         except Exception as error:
-            raise located(error, f"{source}: {name}") from None
+            raise located(error, f"{source}: {str(name)[:100]}") from None
         if case.name in cases:
             raise InputError(f"{source}: name", case.name, "be given once", "give each case a name of its own")
         cases[case.name] = case

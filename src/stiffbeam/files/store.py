@@ -149,7 +149,7 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     >>> bool((again.tip == run.tip).all())
     True
     """
-    path = file_path("file", file, "give one that save() has written")
+    path = file_path("file", file)
     if not path.is_file():
         raise InputError("file", str(path), "exist", "give one that save() has written")
     if path.suffix in (".csv", ".json", ".txt", ".npz", ".npy"):
@@ -296,7 +296,11 @@ def cached_reference(
         return result  # more seconds reach further
     try:
         keep(result, file)
-        storage.forget(file.parent, "*.nc", MOST)
+        # The latest stay, as long as they fit.
+        files = sorted(file.parent.glob("*.nc"), key=lambda path: path.stat().st_mtime, reverse=True)
+        for path, size in zip(files, np.cumsum([path.stat().st_size for path in files]), strict=True):
+            if size > MOST:
+                path.unlink(missing_ok=True)
     except InputError as error:
         if error.field != "file":
             raise

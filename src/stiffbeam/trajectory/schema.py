@@ -227,7 +227,7 @@ class Saved:
         ``xarray.Dataset.to_dict``. .csv: ``to_dataframe()``, a line for each output time or member; impacts have a
         table of their own, ``run.impacts.to_dataframe()``. Raises InputError for any other suffix.
         """
-        suffix = file_path("file", file, 'for example "run.nc"').suffix.lower()
+        suffix = file_path("file", file).suffix.lower()
         if suffix not in SUFFIXES:
             remedy = f"name it {Path(file).stem}.nc"
             raise InputError("file", str(file), f"end in {' or '.join(SUFFIXES)}", remedy)
