@@ -13,6 +13,7 @@ import shlex
 import shutil
 import signal
 import sys
+import tomllib
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -420,13 +421,13 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     show
         Print one of them as TOML, as a start for your own file.
     """
-    from .files import case_blocks, paper_entries, paper_text
+    from .files import case_blocks, paper_text
 
     if show is not None:
         blocks = case_blocks(paper_text())
         say(blocks[one_of("--show", show, blocks, "be a table of the paper")].rstrip())
         return
-    rows = paper_entries()
+    rows = tomllib.loads(paper_text())["case"]
     if write_json("cases", {"cases": rows}, json):
         return
     for row in rows:

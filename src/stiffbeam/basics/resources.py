@@ -6,6 +6,7 @@ STIFFBEAM_MEMORY, in GiB, bounds what a call may hold at once, STIFFBEAM_THREADS
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import threading
@@ -24,19 +25,24 @@ from .validation import InputError
 MEMORY = 4.0  # GiB
 
 
+def setting(name: str, default: float) -> float:
+    """The positive number in an environment variable."""
+    text = os.environ.get(name, "").strip()
+    try:
+        value = float(text) if text else default
+    except ValueError:
+        value = 0.0
+    if not value > 0.0:
+        raise InputError(name, text, "be a number > 0", f"unset it for {default:g}")
+    return value
+
+
 def afford(field: str, value: Any, remedy: str, floats: float) -> None:
     """Raise InputError where a call would hold more than the memory allowed: ``floats`` numbers of 8 bytes at once.
 
     field, value: of the argument that makes it so large.
     """
-    text = os.environ.get("STIFFBEAM_MEMORY", "").strip()
-    try:
-        allowed = float(text) if text else MEMORY
-    except ValueError:
-        allowed = 0.0
-    if not allowed > 0.0:
-        raise InputError("STIFFBEAM_MEMORY", text, "be a number > 0", f"unset it for {MEMORY:g}")
-    gib = 8.0 * floats / 2**30
+    allowed, gib = setting("STIFFBEAM_MEMORY", MEMORY), 8.0 * floats / 2**30
     # Written so that a size of NaN is refused.
     if not gib <= allowed:
         rule = f"take no more than {allowed:g} GiB of memory (it would take some {gib:.2g})"
@@ -99,12 +105,9 @@ BATCH = 64  # items that one thread takes in one go
 
 def cores() -> int:
     """Number of threads of an ensemble: STIFFBEAM_THREADS, or the cores that this process may use."""
-    wanted = os.environ.get("STIFFBEAM_THREADS", "").strip()
-    if wanted:
-        if not wanted.isdigit() or int(wanted) < 1:
-            raise InputError("STIFFBEAM_THREADS", wanted, "be an integer >= 1", "unset it to use every core")
-        return int(wanted)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    from joblib import cpu_count
+
+    return math.ceil(setting("STIFFBEAM_THREADS", cpu_count()))
 
 
 def over(

@@ -20,8 +20,6 @@ from .validation import InputError, file_path
 if TYPE_CHECKING:
     import xarray as xr
 
-LARGEST = 4 << 30  # bytes of a file that is read, and of the arrays in it
-
 
 @cache
 def directory() -> Path:
@@ -137,19 +135,15 @@ def write_netcdf(data: xr.Dataset, file: str | Path, compression: int = 0) -> Pa
 
 
 def read_netcdf(file: Path) -> xr.Dataset:
-    """The arrays in a netCDF-4 file of one group. Raises InputError for a file that cannot be read, and for one of more
-    than LARGEST bytes."""
+    """The arrays in a netCDF-4 file of one group. Raises InputError for a file that cannot be read."""
     import h5py
     import xarray as xr
 
-    remedy = "make it again"
     try:
-        if file.stat().st_size <= LARGEST:
-            with h5py.File(file) as whole:  # what h5netcdf asks first; where that fails its own file is not closed
-                whole.attrs.get("_nc3_strict")
-            with xr.open_dataset(file, engine="h5netcdf", decode_cf=False, cache=False) as data:
-                if data.nbytes <= LARGEST:
-                    return data.load()
+        with h5py.File(file) as whole:  # what h5netcdf asks first; where that fails its own file is not closed
+            whole.attrs.get("_nc3_strict")
+        with xr.open_dataset(file, engine="h5netcdf", decode_cf=False, cache=False) as data:
+            return data.load()
     except Exception as error:  # whatever HDF5 raises for a damaged file, or one that another tool has written
-        raise InputError("file", str(file), "be a whole netCDF-4 file", f"{remedy}: {error}") from None
-    raise InputError("file", str(file), f"have at most {LARGEST} bytes, packed or not", remedy)
+        remedy = f"make it again, of a run by save('run.nc'): {error}"
+        raise InputError("file", str(file), "be a whole netCDF-4 file", remedy) from None

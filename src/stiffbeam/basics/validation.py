@@ -125,11 +125,9 @@ def vector(field: str, value: Any, n: int | None = None) -> Array:
 
 def sequence(field: str, value: Any, rule: str, remedy: str = "give a list") -> list[Any]:
     """The items of a list, tuple or array. Raises InputError for anything else, texts and dictionaries included."""
-    if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, (str, bytes, bytearray)):
-        try:
-            return list(value)
-        except Exception:  # an array without dimensions, or whatever the objects of others raise
-            pass
+    text = isinstance(value, (str, bytes, bytearray))
+    if (isinstance(value, Sequence) and not text) or (isinstance(value, np.ndarray) and value.ndim):
+        return list(value)
     raise InputError(field, value, rule, remedy)
 
 

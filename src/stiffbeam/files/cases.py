@@ -23,7 +23,7 @@ from ..model.system import System
 from ..schemes import RIGID, SDIRK, Scheme, takes_stops
 from ..schemes.labels import make, parse_run
 from . import paper_text
-from .reader import Line, Reader, located
+from .reader import Reader, located
 
 
 @dataclass(frozen=True)
@@ -260,10 +260,10 @@ def _toml(text: str) -> dict[str, Any]:
 class Entry:
     """A case as its table in a file."""
 
-    name: Line
+    name: str
     dt: float
     t_end: float
-    title: Line | None = None
+    title: str | None = None
     cells: int | None = None
     runs: list[str] | None = None
     inferred: list[str] = field(default_factory=list)
@@ -280,8 +280,6 @@ class Entry:
             raise InputError("problem", None, rule, remedy)
         # A time step that does not divide the span is refused here, before any work.
         step_count(positive("dt", self.dt), positive("t_end", self.t_end))
-        if self.system is not None and self.cells is not None:
-            raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
         for path, ends in self.uncertain.items():
             if len(ends) != 2 or not ends[0] < ends[1]:
                 remedy = 'write "stops.stiffness" = [4.5e6, 5.5e6]'

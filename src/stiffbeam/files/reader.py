@@ -16,7 +16,6 @@ from cattrs.cols import list_structure_factory
 from cattrs.gen import make_dict_structure_fn, make_mapping_structure_fn
 
 from ..basics.arrays import Array
-from ..basics.storage import LARGEST
 from ..basics.text import SI, Units
 from ..basics.validation import InputError, exact_float, near, numbers, units_labels
 from ..model.contact import Contact, Stops
@@ -36,14 +35,10 @@ def read_matrix(file: Path) -> Any:
 
     readers = {".mtx": partial(mmread, spmatrix=False), ".npz": load_npz, ".npy": np.load}
     if file.suffix not in readers:
-        remedy = "write the matrix by scipy.io.mmwrite or numpy.save"
-        if file.suffix == ".mat":
-            remedy = "in Python: scipy.io.mmwrite('K.mtx', scipy.io.loadmat('model.mat')['K'])"
+        remedy = "write the matrix by scipy.io.mmwrite or numpy.save; scipy.io.loadmat reads .mat"
         raise InputError("", str(file), f"be a file of {', '.join(readers)}", remedy)
     if not file.is_file():  # devices and pipes have no end
         raise InputError("", str(file), "be a regular file that exists", "give its path relative to the case file")
-    if file.stat().st_size > LARGEST:
-        raise InputError("", str(file), f"have at most {LARGEST} bytes", "reduce the model first")
     try:
         return readers[file.suffix](file)
     except Exception as error:  # whatever the readers of three formats raise for a damaged file
@@ -53,7 +48,6 @@ def read_matrix(file: Path) -> Any:
 
 # ---------------------------------------------------------------- tables
 
-Line = NewType("Line", str)  # a text for one line of a terminal, a page or a file name
 Matrix = NewType("Matrix", object)  # a list of rows, of a diagonal matrix its diagonal, or the name of a file
 Row = NewType("Row", object)  # n numbers, one per unknown
 RowLoad = tuple[Row, LoadFunction]
@@ -91,18 +85,10 @@ class Matrices:
 
 
 @dataclass
-class Points:
-    """Samples written into a case file."""
-
-    t: Sequence[float]
-    values: Sequence[float]
-
-
-@dataclass
 class Samples:
     """A record in a case file; after ``kind`` the arguments of ``read_samples``."""
 
-    sampled: str | Points
+    sampled: str
     kind: str = "linear"
     column: str | None = None
     dt: float | None = None
@@ -126,12 +112,11 @@ class Reader:
         self.folder, self.size, self.units = folder, 0, ()  # of the system that is read: its unknowns, its units
         self.convert = convert = Converter()
         hooks: dict[Any, Any] = {
-            Line: _line, Units: _units, Matrix: self._matrix, Row: self._row,
+            Units: _units, Matrix: self._matrix, Row: self._row,
             System: self._system, RowLoad: self._row_load, Load: self._load,
             Contact: self._contact,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
             Profile: lambda x, _: PolynomialProfile(x),
-            str | Points: lambda x, _: self.read(x, Points if isinstance(x, dict) else str),
             Stops | Sequence[Stops] | None: lambda x, _: self.read(x, Sequence[Stops]),
             float | Sequence[float]: lambda x, _: self.read(x, list[float] if isinstance(x, list) else float),
         }  # fmt: skip
@@ -181,22 +166,16 @@ class Reader:
 
     def _time(self, value: Any, _: Any, own: tuple[str, ...] = ()) -> TimeFunction:
         """The sum, samples, constant or harmonic function of a table; ``own`` are others in it."""
-        one = next((name for name in ("sum", "sampled", "constant") if name in _kind(value, dict)), "")
-        known = {
-            "sum": ["sum"], "sampled": [x.name for x in fields(Samples)], "constant": ["constant"],
-            "": ["amplitude", "frequency", "phase", "constant", "sampled", "sum"],
-        }[one]  # fmt: skip
-        _table(value, [*known, *own])
-        rest = {name: x for name, x in value.items() if name not in own}
-        if one == "sum":
-            return Superposition(*self.read(rest, dict[str, Sequence[TimeFunction]])["sum"])
+        rest = {name: x for name, x in _kind(value, dict).items() if name not in own}
+        one = next((name for name in ("sampled", "sum", "constant") if name in rest), "")
         if one == "sampled":
             return self._sampled(self.read(rest, Samples))
+        _table(rest, [one] if one else ["amplitude", "frequency", "phase", "constant", "sampled", "sum"])
+        if one == "sum":
+            return Superposition(*self.read(rest, dict[str, Sequence[TimeFunction]])["sum"])
         return Constant(_number(rest["constant"])) if one else self.read(rest, Harmonic)
 
     def _sampled(self, record: Samples) -> Sampled:
-        if isinstance(record.sampled, Points):
-            return Sampled(np.array(record.sampled.t), np.array(record.sampled.values), record.kind)
         options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
         return Sampled(*read_samples(self._beside(record.sampled), **options, units=self.units), record.kind)
 
@@ -297,16 +276,10 @@ def _needed(table: dict[str, Any], name: str, written: str = "...") -> Any:
     return table[name]
 
 
-def _text(value: Any, _: Any = None, printable: str = " \t\n") -> str:
+def _text(value: Any, _: Any = None) -> str:
     """A text that can be printed: control characters would reach the terminal."""
-    if not all(x.isprintable() or x in printable for x in _kind(value, str)):
+    if not all(x.isprintable() or x in " \t\n" for x in _kind(value, str)):
         raise InputError("", value, "hold printable letters", "leave control characters out")
-    return value
-
-
-def _line(value: Any, _: Any = None) -> str:
-    if not _text(value, None, "").strip() or len(value) > 200:
-        raise InputError("", value, "be 1 to 200 printable letters", "shorten it, or write one")
     return value
 
 

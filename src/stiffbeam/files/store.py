@@ -152,9 +152,6 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     path = file_path("file", file)
     if not path.is_file():
         raise InputError("file", str(path), "exist", "give one that save() has written")
-    if path.suffix in (".csv", ".json", ".txt", ".npz", ".npy"):
-        remedy = "of columns of your own make stiffbeam.Trajectory.from_arrays(t, tip, system=system)"
-        raise InputError("file", str(path), "be netCDF, as run.save('run.nc') writes it", remedy)
     if system is not None:
         require_system(system)
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)

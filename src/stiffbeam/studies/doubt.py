@@ -189,7 +189,7 @@ def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, rn
         )
         raise InputError("case", uncertain, "have uncertain parameters", remedy)
     columns = {}
-    sample = scipy.stats.qmc.LatinHypercube(len(uncertain), rng=rng).random(members)
+    sample = scipy.stats.qmc.LatinHypercube(len(uncertain), rng=np.random.default_rng(rng)).random(members)
     for (path, one), shares in zip(uncertain.items(), sample.T, strict=True):
         if not hasattr(one, "ppf"):
             low, high = (number(f"uncertain {path}", x) for x in one) if np.shape(one) == (2,) else (0.0, 0.0)
