@@ -123,7 +123,7 @@ FAULTS = [  # text, field, value, rule
     (LINE % "stops = { lower = 0.1, upper = 0, stiffness = 1 }", f"{BEAM}.stops.upper", 0, "be > stops.lower"),
     (LINE % "stops = [0.1]", f"{BEAM}.stops[0]", 0.1, "be a table"),
     (LINE % "base = { sum = [{ constant = nan }] }", f"{BEAM}.base.sum[0].level", np.nan, "be finite"),
-    (LINE % "base = { sampled = { t = [0, 1] } }", f"{BEAM}.base.sampled", {"t": [0, 1]}, "be a text"),
+    (LINE % "base = { sampled = { t = [0, 1] } }", f"{BEAM}.base.sampled.values", None, "be given"),
     (LINE % "loads = [{}]", f"{BEAM}.loads[0].position", None, "be given"),
     (LINE % "loads = [{ position = 1.5, constant = 1 }]", f"{BEAM}.load.position", 1.5, "lie on the beam"),
     (LINE % "loads = [{ shape = [1], position = 1, constant = 1 }]", f"{BEAM}.loads[0].position", 1, "be a known"),
@@ -398,6 +398,8 @@ def test_times_are_scaled_shifted_and_made(read):
     ms = "time [ms];F\n" + lines("{t};{f}", 1000.0 * T)
     np.testing.assert_allclose(read(ms, time_factor=1e-3)[0], T, rtol=1e-15)
     np.testing.assert_allclose(read(lines("{t},{f}", 1e6 + T), start=0.0)[0], T, atol=1e-9)
+    with pytest.raises(sb.InputError, match="increase"):
+        sb.Sampled(*read(lines("{f},{t}")))
     with pytest.raises(sb.InputError, match="by start = 0"):
         sb.Sampled(*read(lines("{t},{f}", 1e6 + T))).value(0.0)
     np.testing.assert_array_equal(read(lines("{f}"), dt=0.25)[0], T)
@@ -435,7 +437,7 @@ REFUSED = [  # text, options, words
     *((f"{name},F\n" + lines("{i},{f}"), {}, "have one column of times.*give dt") for name in ("index", "sample", "x")),
     ("sample no,F\n" + lines("{i},{f}"), {}, "have one column of times"), (lines("{i},{f}"), {}, "row numbers.*dt"),
     ("t;acc (mm/s^2)\n" + lines("{t};{f}"), {"units": ("m", "s", "N")}, "units of the case, m, s, N"),
-    (lines("{f},{t}"), {}, "have its times first"), (lines("{i},{t},{f}"), {"column": "b"}, "row numbers"),
+    (lines("{i},{t},{f}"), {"column": "b"}, "row numbers"),
     (lines("{f}"), {}, "give dt"), ("t,F\n" + lines("{t},{f}"), {"dt": 0.1}, "dt must be left out"),
     ("t,time\n" + lines("{t},{f}"), {}, "have one column of times"), ("", {}, "lines of numbers"),
     ("t,F\n", {}, "lines of numbers"), ("0,1\n1,\n", {}, "line 2: ''.*into every cell"),

@@ -88,7 +88,7 @@ def time_of(file: Path, field: str, table: pandas.DataFrame, unit: str | None) -
     """The column of the times: the one that is named so, without names the first.
 
     unit: in which times count, None for any. Raises InputError where names have no time or one in another unit, and
-    where a first column without a name does not increase or counts rows.
+    where a first column without a name counts rows.
     """
     named = [name for name in table.columns if bare(name)[0] in TIMES]
     first = table.columns[0]
@@ -103,8 +103,6 @@ def time_of(file: Path, field: str, table: pandas.DataFrame, unit: str | None) -
         remedy = "rename the others" if named else "name the times t; of a file without times give dt and column"
         raise InputError(field, found, "have one column of times", remedy)
     steps, remedy = np.diff(table[first]), "name the columns in a first line, the times t; without times give dt"
-    if not np.all(steps >= 0.0):
-        raise InputError(field, f"{file}: a first column that decreases", "have its times first, sorted", remedy)
     # A run may be written at whole times; another column that increases is the times then.
     if np.all(steps == 1.0) and len(steps) > 2 and (field == "sampled" or np.all(np.diff(table.iloc[:, 1]) > 0.0)):
         raise InputError(field, f"{file}: a first column of row numbers", "have its times first", remedy)

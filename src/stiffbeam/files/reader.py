@@ -85,10 +85,18 @@ class Matrices:
 
 
 @dataclass
+class Points:
+    """Samples written into a case file."""
+
+    t: Sequence[float]
+    values: Sequence[float]
+
+
+@dataclass
 class Samples:
     """A record in a case file; after ``kind`` the arguments of ``read_samples``."""
 
-    sampled: str
+    sampled: str | Points
     kind: str = "linear"
     column: str | None = None
     dt: float | None = None
@@ -117,6 +125,7 @@ class Reader:
             Contact: self._contact,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
             Profile: lambda x, _: PolynomialProfile(x),
+            str | Points: lambda x, _: self.read(x, Points if isinstance(x, dict) else str),
             Stops | Sequence[Stops] | None: lambda x, _: self.read(x, Sequence[Stops]),
             float | Sequence[float]: lambda x, _: self.read(x, list[float] if isinstance(x, list) else float),
         }  # fmt: skip
@@ -176,6 +185,8 @@ class Reader:
         return Constant(_number(rest["constant"])) if one else self.read(rest, Harmonic)
 
     def _sampled(self, record: Samples) -> Sampled:
+        if isinstance(record.sampled, Points):
+            return Sampled(np.array(record.sampled.t), np.array(record.sampled.values), record.kind)
         options = {x.name: getattr(record, x.name) for x in fields(record)[2:]}
         return Sampled(*read_samples(self._beside(record.sampled), **options, units=self.units), record.kind)
 

@@ -47,25 +47,14 @@ MOST = 1 << 30  # bytes of references that are kept
 BOUND = 1e-9  # of max |u| and of the times: the accuracy that integrating again may lose
 
 
-def can_freeze(solution: Reference) -> bool:
-    """True for a multiprecision solution that is confirmed to its end."""
-    notes = solution.provenance
-    return notes["method"] == "multiprecision" and solution.horizon >= float(notes["t_end"])
-
-
 def keep(solution: Reference, file: str | Path) -> Path:
-    """Write a solution to a file: frozen where it can be, any other with its outputs."""
-    return freeze(solution, file) if can_freeze(solution) else solution.save(file)
-
-
-def freeze(solution: Reference, file: str | Path) -> Path:
-    """Write a multiprecision ``solution`` to a file that ``load`` reads together with its system: every event time, and
-    the state at every second event. Raises InputError where the solution is not confirmed to its end."""
+    """Write a solution to a file. One that is multiprecision and confirmed to its end is frozen: every event time, and
+    the state at every second event, which ``load`` reads together with its system. Any other has its outputs."""
     import xarray as xr
 
     notes, motion = solution.provenance, solution.solution
-    if not can_freeze(solution):
-        raise InputError("reference", solution.label, "be multiprecision and confirmed to t_end", "give more digits")
+    if notes["method"] != "multiprecision" or solution.horizon < float(notes["t_end"]):
+        return solution.save(file)
     stored, sides = np.arange(0, len(motion.times), EVERY), motion.sides.astype(np.int8)
     sides = sides[:, 0] if sides.shape[1] == 1 else sides  # a single contact needs no second dimension
     q, v = motion.states(motion.times[stored], stored)
