@@ -27,9 +27,8 @@ def directory() -> Path:
     wanted = os.environ.get("STIFFBEAM_CACHE_DIR") or platformdirs.user_cache_dir("stiffbeam")
     path = Path(wanted)
     try:
-        # For this user alone, whatever the umask: compiled code lies here.
-        for folder in (path, path / "jax"):
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # For this user alone, whatever the umask: JAX keeps compiled code here.
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
         # Only writing shows that a folder can be written to.
         with tempfile.TemporaryFile(dir=path):
             return path

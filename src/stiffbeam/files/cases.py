@@ -127,17 +127,16 @@ def case_of(system: System, dt: float | None, t_end: float | None, name: str = "
     Raises InputError without a step and a time span, which a System does not have.
     """
     instance("case", system, System, "make it with semidiscretise or from_matrices, or take a Case")
-    if dt is None or t_end is None:
-        raise InputError("dt and t_end", (dt, t_end), "be given with a System", "for example dt=1e-4, t_end=1.0")
-    step_count(positive("dt", dt), positive("t_end", t_end))
+    dt, t_end = positive("dt", dt), positive("t_end", t_end)
+    step_count(dt, t_end)
     runs = tuple((scheme, system.form) for scheme in default_schemes(c.stops for c in system.contacts))
     beam = system.problem
     if beam is not None and system.cells is not None:
-        case = Case(name, name, beam, system.cells, float(dt), float(t_end), runs)
+        case = Case(name, name, beam, system.cells, dt, t_end, runs)
         # Only if the grid makes this very system: other data or matrices would be lost with the problem.
         if case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form:
             return case
-    return Case(name, name, None, 0, float(dt), float(t_end), runs, matrices=system)
+    return Case(name, name, None, 0, dt, t_end, runs, matrices=system)
 
 
 MOST_BYTES = 1 << 20  # of a case file

@@ -51,7 +51,7 @@ def read_matrix(file: Path) -> Any:
 Matrix = NewType("Matrix", object)  # a list of rows, of a diagonal matrix its diagonal, or the name of a file
 Row = NewType("Row", object)  # n numbers, one per unknown
 RowLoad = tuple[Row, LoadFunction]
-KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a number", list: "a list", dict: "a table"}
+KINDS = {str: "a text", int: "an integer", float: "a number", list: "a list", dict: "a table"}
 WRITTEN = {str: '"..."', int: "1", float: "1.0", list: "[...]", dict: "{ ... }"}
 
 
@@ -274,10 +274,7 @@ def _kind(value: Any, kind: type | tuple[type, ...]) -> Any:
     """``value`` if it is of this kind; in Python a truth value is an integer."""
     kinds = kind if isinstance(kind, tuple) else (kind,)
     if isinstance(value, bool) or not isinstance(value, kinds):
-        found = next((name for x, name in KINDS.items() if isinstance(value, x)), "something else")
-        raise InputError(
-            "", value, f"be {' or '.join(KINDS[x] for x in kinds)}", f"it is {found}: write {WRITTEN[kinds[0]]}"
-        )
+        raise InputError("", value, f"be {' or '.join(KINDS[x] for x in kinds)}", f"write {WRITTEN[kinds[0]]}")
     return value
 
 
