@@ -114,8 +114,7 @@ def make_folder(folder: str | Path, option: str = "--out") -> Path:
     folder = file_path(option, folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if not os.access(folder, os.W_OK):
-            raise PermissionError("no permission to write")
+        tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         remedy = f"{error.strerror or error}: name another"
         raise InputError(option, str(folder), "be a folder that can be written to", remedy) from None

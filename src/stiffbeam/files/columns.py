@@ -128,13 +128,9 @@ def read_samples(
         if dt is not None:
             raise InputError("dt", dt, f"be left out where {file} has times, {time!r}", "leave it out")
     others = [x for x in names if x != time]
-    if column is None:
-        if len(others) != 1 or names.count(others[0]) > 1:
-            remedy = f"name one as column, of {', '.join(map(repr, others))}" if others else "give dt, the interval"
-            raise InputError("sampled", f"{file}: {len(names)} columns", "have two columns, times and values", remedy)
-        column = others[0]
-    elif others.count(column) != 1:
-        remedy = f"the file has {', '.join(map(str, others)) or 'none'}"
+    column = others[0] if column is None and len(others) == 1 else column
+    if others.count(column) != 1:
+        remedy = f"it has {', '.join(map(repr, others))}" if others else "of a file without times give dt"
         raise InputError("column", column, f"be the name of one column of values in {file}", remedy)
     scale = re.split(r"[^\w]", bare(column)[1])[0]
     if units and scale in SCALED and scale not in re.split(r"\W", " ".join(units).lower()):

@@ -25,7 +25,7 @@ from ..basics import storage
 from ..basics.resources import Show
 from ..basics.storage import content_hash, read_netcdf, write_netcdf
 from ..basics.text import printable
-from ..basics.validation import InputError, file_path, numbers, positive
+from ..basics.validation import InputError, file_path, numbers
 from ..model.contact import Stops
 from ..model.system import System, require_system
 from ..references import reference, solve
@@ -258,7 +258,6 @@ def cached_reference(
     if method == "exact":
         return reference(*given.args, **given.kwargs)
     require_system(system)
-    positive("t_end", t_end)
     # A bare callable has no content to make a key of.
     system.drive.require_closed_form("a cached reference")
     given.apply_defaults()
