@@ -68,18 +68,15 @@ def number(
     exact: for a parameter of the problem, which may also be a text such as "0.001" or "pi/2", a Fraction
     or a Decimal, and then keeps its exact value for multiprecision.
     """
-    if exact and isinstance(value, (str, Fraction, Decimal, int)) and not isinstance(value, bool):
-        try:
-            value = exact_float(value)
-        except (ValueError, ZeroDivisionError):
-            raise InputError(field, value, "be a number in the range of float64", 'for example 0.1 or "pi/2"') from None
+    written = (str, Fraction, Decimal, int) if exact else ()
     # True and False are integers in Python, and no numbers here.
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating, *written)):
         raise InputError(field, value, "be a number", "give one real number, for example 0.5")
     try:
-        result = value if isinstance(value, ExactFloat) else float(value)
-    except OverflowError:
-        raise InputError(field, value, "be a number in the range of float64", "give one below 1e308") from None
+        result = exact_float(value) if isinstance(value, written) else float(value)
+        result = value if isinstance(value, ExactFloat) else result
+    except (ValueError, ArithmeticError):
+        raise InputError(field, value, "be a number in the range of float64", "for example 0.1") from None
     if not math.isfinite(result):
         raise InputError(field, value, "be finite", "look at what it was computed from")
     if not least <= result <= most:
@@ -275,8 +272,9 @@ def exact_float(value: Exact) -> float:
     """``value`` as an ExactFloat, or as a plain float where a double holds it.
 
     value: a Fraction, Decimal or integer, or a text of decimals and pi joined by * and /, such as
-    "0.001", "1/3", "pi/2", "2*pi*50", with pi at most once and not below a /. Raises ValueError for other texts.
-    Outside the range of normal doubles it is what float() makes of it.
+    "0.001", "1/3", "pi/2", "2*pi*50", with pi at most once and not below a /. Raises ValueError for other texts,
+    ArithmeticError for a product that is too large or divides by 0. Outside the range of normal doubles it is what
+    float() makes of it.
     """
     try:
         nearest = float(value)
@@ -285,10 +283,7 @@ def exact_float(value: Exact) -> float:
     if not LEAST <= abs(nearest) < math.inf:  # 0, infinity and NaN too, which have no ratio
         return nearest
     ratio, pi = _read(str(value))
-    try:
-        nearest = float(ratio * _PI if pi else ratio)
-    except OverflowError:
-        raise ValueError(f"{value!r} is too large for float64") from None
+    nearest = float(ratio * _PI if pi else ratio)
     # A plain float is enough where it is the number itself; with pi it never is.
     if not pi and Fraction(nearest) == ratio:
         return nearest

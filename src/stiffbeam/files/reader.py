@@ -295,5 +295,5 @@ def _number(value: Any, _: Any = None) -> float:
         _kind(value, float)
     try:
         return value if isinstance(value, float) else exact_float(value)
-    except (ValueError, ZeroDivisionError):
+    except (ValueError, ArithmeticError):
         raise InputError("", value, "be a number in the range of float64", 'for example 0.001, or "pi/2"') from None
