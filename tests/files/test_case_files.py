@@ -132,7 +132,6 @@ FAULTS = [  # text, field, value, rule
     (LINE % "initial_displacement = [0.0, 1.0]", f"{BEAM}.initial_displacement", 1.0, "have zero slope"),
     (LINE % "units = { length = 3 }", f"{BEAM}.units", [3, "s", "N"], "be the names of the units"),
     (PLAIN + "[case.published]\nimpacts = 3", "mine.published.impacts", 3, "be a table"),
-    (PLAIN + '[case.uncertain]\nviscosity = [2, 1]', "mine.uncertain.viscosity", [2.0, 1.0], "be a range of two"),
     (PLAIN + PLAIN, "name", "mine", "be given once"),
     ("", "case", None, "be one or more [[case]] tables"),
     ("case = [1]", "case", 1, "be a table"),

@@ -19,7 +19,6 @@ from ..basics.validation import InputError, number, positive
 MOST_BYTES = 1 << 28  # of a file of columns
 SCALED = {"m", "mm", "cm", "km", "um", "µm", "in", "ft", "deg", "rad", "n", "mn", "kn", "g"}  # units of values
 TIMES = "t", "time"  # names of the times, in small letters
-NAMED = re.compile(r"(.*?)(?:\s*[\[({/,]\s*(.*?)[\])}.\s]*)?")  # a name and its unit
 COMMA = r"([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)"  # a number with a decimal comma
 FIRST = re.compile(r'[\s",;]*[+-]?([.,]?\d|(nan|inf)\b)', re.IGNORECASE)  # number of a line
 COMMENT = re.compile(r"\s*[#%]")
@@ -79,9 +78,8 @@ def _separator(line: str) -> str:
 
 def bare(name: Any) -> tuple[str, str]:
     """A name and its unit, in small letters: ("time", "ms") for "Time [ms]", "Time/ms" and "time, ms"."""
-    parts = NAMED.fullmatch(str(name).strip().lower())
-    assert parts is not None
-    return parts[1], parts[2] or ""
+    bare_name, *unit = re.split(r"\s*[\[({/,]\s*", str(name).strip().lower(), maxsplit=1)
+    return bare_name, "".join(unit).rstrip("])}. ")
 
 
 def time_of(file: Path, field: str, table: pandas.DataFrame, unit: str | None) -> Any:
