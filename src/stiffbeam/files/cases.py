@@ -183,7 +183,7 @@ def find_case(name: str) -> Case:
 @cache
 def paper_cases() -> dict[str, Case]:
     """The paper's tables by name, in order."""
-    return _parse(_toml(paper_text()), "paper.toml")
+    return _parse(tomllib.loads(paper_text(), parse_float=exact_float), "paper.toml")
 
 
 def load_cases(file: str | Path) -> dict[str, Case]:
@@ -228,7 +228,7 @@ def load_cases(file: str | Path) -> dict[str, Case]:
     if DOTTED.search(text):
         raise InputError("case file", str(file), "have less than 50 dots in a key", "use tables")
     try:
-        data = _toml(text)
+        data = tomllib.loads(text, parse_float=exact_float)  # decimals keep their exact values
     except (ValueError, ArithmeticError, RecursionError) as error:
         raise InputError("case file", str(file), "be valid TOML", f"mend it: {error}") from None
     return _parse(data, str(file), file.parent)
@@ -245,11 +245,6 @@ def compared(case: Case, form: str) -> list[Scheme]:
 
 
 # ---------------------------------------------------------------- the file's form
-
-
-def _toml(text: str) -> dict[str, Any]:
-    """TOML whose decimals keep their exact values."""
-    return tomllib.loads(text, parse_float=exact_float)
 
 
 @dataclass
