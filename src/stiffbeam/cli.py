@@ -12,6 +12,7 @@ import re
 import shutil
 import signal
 import sys
+import tomllib
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor
@@ -26,7 +27,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from .basics.resources import TALK, cores, working
 from .basics.storage import make_folder, write_whole
-from .basics.text import cut, plain
+from .basics.text import plain
 from .basics.validation import InputError, one_of, positive
 from .references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFERENCES
 
@@ -154,7 +155,7 @@ def default_folder(case: str) -> Path:
 def file_name(label: str) -> str:
     """The label without the characters that shells and file systems dislike, never a folder's name for another."""
     plain = label.replace("(", "-").replace(")", "").replace(", ", "-").replace("@", "-")
-    return cut("".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip("."), 100) or "_"
+    return "".join(c if c.isalnum() or c in "-._=" else "_" for c in plain).lstrip(".")[:100] or "_"
 
 
 def json_text(command: str, records: Mapping[str, Any]) -> str:
@@ -362,13 +363,13 @@ def cases(*, show: str | None = None, json: Json = None) -> None:
     show
         Print one of them as TOML, as a start for your own file.
     """
-    from .files import case_blocks, paper_entries, paper_text
+    from .files import case_blocks, paper_text
 
     if show is not None:
         blocks = case_blocks(paper_text())
         say(blocks[one_of("--show", show, blocks, "be a table of the paper")].rstrip())
         return
-    rows = paper_entries()
+    rows = tomllib.loads(paper_text())["case"]
     if write_json("cases", {"cases": rows}, json):
         return
     for row in rows:

@@ -9,7 +9,6 @@ import mpmath as mp
 import numpy as np
 
 import stiffbeam as sb
-from stiffbeam.basics.validation import as_doubles
 from stiffbeam.model.time_functions import parts
 
 INF = float("inf")  # the stiffness of a rigid stop
@@ -74,7 +73,7 @@ def bar(elements: int, gravity: float, speed: float) -> dict[str, Any]:
 
 def paper(table: int) -> dict[str, Any]:
     case = sb.paper_case(table)
-    return table_of(sb.semidiscretise(as_doubles(case.beam), case.cells))
+    return table_of(sb.semidiscretise(case.beam, case.cells))
 
 
 def aster() -> dict[str, Any]:

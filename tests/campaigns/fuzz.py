@@ -1,7 +1,7 @@
 """Wild input to everything that users call: a result, or a refusal with rule, value and remedy; nothing else.
 
 A violation is an exception from inside, a number that is not finite in what came back, and a message that is longer
-than 300 characters, more than one line, or without rule, value and remedy.
+than LONGEST characters, more than one line, or without rule, value and remedy.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from stiffbeam.files import case_blocks, paper_text
 from stiffbeam.files.cases import find_case
 from stiffbeam.studies import studies
 
-LONGEST = 300
+LONGEST = 1000  # letters of a message
 WHOLE = re.compile(r".+ must .+, got .*: .+")  # field, rule, value and remedy
 
 

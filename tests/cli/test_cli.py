@@ -159,7 +159,7 @@ def test_a_run_that_overflows_is_named_with_its_time_and_the_remedy(command):
         (["compare", "table10", "--contact", "implict", "--references", "exact", "--t-end", "0.01"], "got 'implict'"),
         (["compare", "table10", "--dt", "-1e-4"], "--dt must be > 0, got -0.0001"),
         (["compare", "table10", "--t-end", "nan"], "--t-end must be finite, got nan"),
-        (["compare", "none.toml"], "case file must exist, got 'none.toml'"),
+        (["compare", "none.toml"], "case file must be a readable file, got 'none.toml'"),
         (["converge", "table10", "--halvings", "0"], "halvings must be an integer >= 1, got 0"),
         (["converge", "table10", "--views", "ordr"], "did you mean order"),
         (["study", "space", "table10", "--cells", "1"], "cells must be an integer >= 2, got 1"),

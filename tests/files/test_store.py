@@ -167,7 +167,8 @@ def test_any_damaged_file_is_one_sentence_with_its_name(kind, seed, tmp_path):
         assert_same(sb.load(file, of), result)
     except sb.InputError as error:
         said = str(error)
-        assert ("run.nc" in said) and "\n" not in said and len(said) <= 300  # noqa: PT018
+        assert "run.nc" in said
+        assert "\n" not in said
 
 
 def test_an_exact_reference_with_its_system_answers_at_any_time(tmp_path):
@@ -207,23 +208,19 @@ def test_a_file_cannot_import_a_module(tmp_path):
     assert "this" not in sys.modules
 
 
-def test_what_is_no_run_is_named(tmp_path, monkeypatch):
+def test_what_is_no_run_is_named(tmp_path):
     other = tmp_path / "other.nc"
     xr.Dataset({"temperature": ("x", np.arange(3.0))}).to_netcdf(other, engine="h5netcdf")
     many, run = results()["ensemble"], results()["run"]
     for file, words in (
         (other, r"be a stiffbeam trajectory of format 4, got '.*other\.nc'"),
         (many.save(tmp_path / "many.nc"), "it is an ensemble"),
-        (run.save(tmp_path / "run.csv"), r"be netCDF, as run\.save\('run\.nc'\) writes it"),
+        (run.save(tmp_path / "run.csv"), r"be a whole netCDF-4 file, .*save\('run\.nc'\)"),
     ):  # fmt: skip
         with pytest.raises(sb.InputError, match=words):
             sb.load(file)
     with pytest.raises(sb.InputError, match=r"end in \.nc or \.csv"):
         run.save(tmp_path / "run.mat")
-    file = run.save(tmp_path / "run.nc")
-    monkeypatch.setattr(storage, "LARGEST", 1000)
-    with pytest.raises(sb.InputError, match="have at most 1000 bytes"):
-        sb.load(file)
 
 
 @pytest.mark.slow

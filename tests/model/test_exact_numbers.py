@@ -12,7 +12,17 @@ import numpy as np
 import pytest
 
 import stiffbeam as sb
-from stiffbeam.basics.validation import as_doubles, exact_float, exact_value
+from stiffbeam.basics.validation import ExactFloat, exact_float, exact_value
+
+
+def as_doubles(value):
+    """A dataclass or tuple with every ExactFloat in it replaced by the double that it computes as."""
+    if isinstance(value, tuple):
+        return tuple(map(as_doubles, value))
+    if dataclasses.is_dataclass(value):
+        arguments = {x.name: as_doubles(getattr(value, x.name)) for x in dataclasses.fields(value) if x.init}
+        return dataclasses.replace(value, **arguments)
+    return float(value) if isinstance(value, ExactFloat) else value
 
 
 def system_of(case, doubles=False):

@@ -12,7 +12,7 @@ from systems import one_mass
 import stiffbeam as sb
 from stiffbeam import references
 from stiffbeam.basics import resources
-from stiffbeam.files.store import freeze
+from stiffbeam.files.store import keep
 from stiffbeam.references import REFERENCES, multiprecision, solve
 from stiffbeam.references.adaptive import restarts
 
@@ -54,7 +54,7 @@ def files(system, tmp_path_factory):
     """A saved reference and a frozen one."""
     folder = tmp_path_factory.mktemp("files")
     sb.reference(system, 0.05, "cvode-adams", np.linspace(0.0, 0.05, 101), rtol=1e-6).save(folder / "saved.nc")
-    freeze(sb.reference(system, 0.05, "multiprecision"), folder / "frozen.nc")
+    keep(sb.reference(system, 0.05, "multiprecision"), folder / "frozen.nc")
     return folder
 
 

@@ -78,12 +78,6 @@ class Recent(Generic[Result]):
     """The results of the last ``most`` different keys, for functions whose result depends on the key alone.
 
     Threads may share it. A result that two of them compute at the same time is computed twice.
-
-    Examples
-    --------
-    >>> squares = Recent[int](2)
-    >>> squares.get(3, lambda: 9), squares.get(3, lambda: 0)
-    (9, 9)
     """
 
     def __init__(self, most: int) -> None:

@@ -1,11 +1,12 @@
-"""Long calls: their memory, time, threads and processes; and their progress on stderr, a bar on a terminal or in a
-notebook, else one line.
+"""Long calls: their memory, time, threads and processes; and their progress on stderr, a bar on a terminal, else
+lines.
 
 STIFFBEAM_MEMORY, in GiB, bounds what a call may hold at once, STIFFBEAM_THREADS sets the threads.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import threading
@@ -15,7 +16,6 @@ from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
 from multiprocessing import current_process
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -25,19 +25,24 @@ from .validation import InputError
 MEMORY = 4.0  # GiB
 
 
+def setting(name: str, default: float) -> float:
+    """The positive number in an environment variable."""
+    text = os.environ.get(name, "").strip()
+    try:
+        value = float(text) if text else default
+    except ValueError:
+        value = 0.0
+    if not value > 0.0:
+        raise InputError(name, text, "be a number > 0", f"unset it for {default:g}")
+    return value
+
+
 def afford(field: str, value: Any, remedy: str, floats: float) -> None:
     """Raise InputError where a call would hold more than the memory allowed: ``floats`` numbers of 8 bytes at once.
 
     field, value: of the argument that makes it so large.
     """
-    text = os.environ.get("STIFFBEAM_MEMORY", "").strip()
-    try:
-        allowed = float(text) if text else MEMORY
-    except ValueError:
-        allowed = 0.0
-    if not allowed > 0.0:
-        raise InputError("STIFFBEAM_MEMORY", text, "be a number > 0", f"unset it for {MEMORY:g}")
-    gib = 8.0 * floats / 2**30
+    allowed, gib = setting("STIFFBEAM_MEMORY", MEMORY), 8.0 * floats / 2**30
     # Written so that a size of NaN is refused.
     if not gib <= allowed:
         rule = f"take no more than {allowed:g} GiB of memory (it would take some {gib:.2g})"
@@ -100,12 +105,9 @@ BATCH = 64  # items that one thread takes in one go
 
 def cores() -> int:
     """Number of threads of an ensemble: STIFFBEAM_THREADS, or the cores that this process may use."""
-    wanted = os.environ.get("STIFFBEAM_THREADS", "").strip()
-    if wanted:
-        if not wanted.isdigit() or int(wanted) < 1:
-            raise InputError("STIFFBEAM_THREADS", wanted, "be an integer >= 1", "unset it to use every core")
-        return int(wanted)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    from joblib import cpu_count
+
+    return math.ceil(setting("STIFFBEAM_THREADS", cpu_count()))
 
 
 def over(
@@ -134,9 +136,7 @@ def over(
 
 Show = Callable[[str, int, int], None]
 LOOK = 0.25  # s between two looks at the time
-WAIT = 3.0  # s of work, after which a call from Python shows what is going on
-
-
+WAIT = 3.0  # s of work, after which a call from Python shows its progress
 TALK = SimpleNamespace(quiet=False)  # quiet: no output, as with ``--quiet``
 
 
@@ -144,68 +144,56 @@ def silent(what: str, done: int, total: int) -> None:
     """Progress function that shows nothing."""
 
 
-class Display:
-    """Progress of one call: a bar on a terminal, at once where it was ``asked`` for; else a line after WAIT seconds
-    and after each threefold of them."""
+class Call:
+    """Progress of a call, shown after ``wait`` seconds: by a bar on a terminal, else by lines, the first after WAIT
+    seconds and each after three times as long as the one before."""
 
-    def __init__(self, what: str, asked: bool) -> None:
-        self.now, self.begun = (what, 0, 0), time.perf_counter()
-        self.passed = WAIT  # s, after which it opens, or prints its next line
-        self.bar = self.drawn() if asked else None
+    def __init__(self, what: str, wait: float, show: Show | None) -> None:
+        self.now, self.begun, self.wait, self.show = (what, 0, 0), time.perf_counter(), wait, show or self.update
+        self.bar: Any = None
 
-    def show(self, what: str, done: int, total: int) -> None:
+    def update(self, what: str, done: int, total: int) -> None:
         """State that ``done`` of ``total`` parts are done, total 0 where it is not known."""
         self.now = (what, done, total)
         if self.bar is not None:  # which with another total estimates anew the time that is left
             self.bar.update(self.bar.task_ids[0], description=what, completed=done, total=total or None)
 
-    def open(self) -> None:
-        """Show the bar, or a line, if it is time."""
-        if self.bar is not None or time.perf_counter() < self.begun + self.passed:
+    def look(self) -> None:
+        """Open the bar, or print a line, if it is time."""
+        if self.bar is not None or time.perf_counter() < self.begun + self.wait:
             return
-        self.bar = self.drawn()
-        if self.bar is None:
-            what, done, total = self.now
-            share = f", {100 * done // total} % done" if done and total else ""
-            print(f"stiffbeam: {self.passed:g} s so far, now {what}{share}", file=sys.stderr, flush=True)
-            self.passed *= 3.0
-
-    def drawn(self) -> Any:
-        """The bar, None where it cannot be drawn."""
         from rich.console import Console
-        from rich.progress import Progress, SpinnerColumn, TimeElapsedColumn
+        from rich.progress import Progress
 
         console, (what, done, total) = Console(stderr=True), self.now
-        if not (console.is_terminal or (console.is_jupyter and find_spec("ipywidgets"))):
-            return None
-        columns = SpinnerColumn(), *Progress.get_default_columns(), "left after", TimeElapsedColumn()
-        bar = Progress(*columns, speed_estimate_period=600.0, console=console, transient=True)
-        bar.add_task(what, completed=done, total=total or None)
-        bar.start()
-        return bar
-
-
-_LOCK = threading.Lock()
-_watched = threading.Event()  # set while a thread opens displays
-_calls: list[tuple[Show, Display | None]] = []  # in progress: progress function, and display of the first one
+        if console.is_terminal:
+            bar = Progress(speed_estimate_period=600.0, console=console, transient=True)
+            bar.add_task(what, completed=done, total=total or None)
+            bar.start()
+            self.bar = bar
+        elif self.wait:
+            share = f", {100 * done // total} % done" if done and total else ""
+            print(f"stiffbeam: {self.wait:g} s so far, now {what}{share}", file=sys.stderr, flush=True)
+        self.wait = 3.0 * self.wait or WAIT
 
 
 def _watch() -> None:
-    """Open the display of a long call. Short calls one after the other share this thread, which ends with them: a
-    thread a call would double the time of a short one."""
+    """Look at the first call in progress now and then."""
     while True:
         time.sleep(LOOK)
         with _LOCK:
-            if not _calls:
-                _watched.clear()
-                return
-            if (display := _calls[0][1]) is not None:
-                display.open()
+            if _calls:
+                _calls[0].look()
+
+
+_LOCK = threading.Lock()
+_WATCHER = threading.Thread(target=_watch, daemon=True)  # one for all calls: its start takes as long as a short one
+_calls: list[Call] = []  # in progress
 
 
 def current() -> Show:
     """The progress function of the call in progress, for parts of it that nothing passes it to."""
-    return _calls[0][0] if _calls else silent
+    return _calls[0].show if _calls else silent
 
 
 @contextmanager
@@ -215,26 +203,22 @@ def working(what: str, asked: bool | Show | None = None) -> Generator[Show, None
     Yields show(what, done, total): ``asked`` itself if it is a function, of a display at once for True, after WAIT
     seconds for None, one that shows nothing for False and inside another call.
     """
-    if asked is not None and not isinstance(asked, bool) and not callable(asked):
-        raise InputError("progress", asked, "be True, False or a function", "leave it out")
     with _LOCK:
-        first, display = not _calls, None
-        if first and not TALK.quiet and (asked is True or (asked is None and current_process().name == "MainProcess")):
-            display = Display(what, asked is True)
-        show = display.show if display is not None else asked if callable(asked) else silent
+        first = not _calls
+        wanted = asked is True or (asked is None and current_process().name == "MainProcess")
+        wait = (0.0 if asked else WAIT) if first and wanted and not TALK.quiet else float("inf")
+        _calls.append(call := Call(what, wait, asked if callable(asked) else None))
+        if _WATCHER.ident is None:
+            _WATCHER.start()
         limit = _blas().limit(limits=1, user_api="blas") if first else nullcontext()
-        _calls.append((show, display))
-        if display is not None and not _watched.is_set():
-            _watched.set()
-            threading.Thread(target=_watch, daemon=True).start()
     try:
         with limit:
-            yield show
+            yield call.show
     finally:
         with _LOCK:
-            _calls.pop()
-            if display is not None and display.bar is not None:
-                display.bar.stop()
+            _calls.remove(call)
+            if call.bar is not None:
+                call.bar.stop()
 
 
 @cache

@@ -20,8 +20,6 @@ from .validation import InputError, file_path
 if TYPE_CHECKING:
     import xarray as xr
 
-LARGEST = 4 << 30  # bytes of a file that is read, and of the arrays in it
-
 
 @cache
 def directory() -> Path:
@@ -29,9 +27,8 @@ def directory() -> Path:
     wanted = os.environ.get("STIFFBEAM_CACHE_DIR") or platformdirs.user_cache_dir("stiffbeam")
     path = Path(wanted)
     try:
-        # For this user alone, whatever the umask: compiled code lies here.
-        for folder in (path, path / "jax"):
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # For this user alone, whatever the umask: JAX keeps compiled code here.
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
         # Only writing shows that a folder can be written to.
         with tempfile.TemporaryFile(dir=path):
             return path
@@ -55,29 +52,18 @@ def source_hash(folder: Path = Path(__file__).parents[1]) -> str:
     return digest.hexdigest()
 
 
-def forget(folder: Path, pattern: str, most: int) -> None:
-    """Remove the files that match and were not used for longest, down to ``most`` bytes."""
-    used = {path: path.stat() for path in folder.glob(pattern)}
-    size = 0
-    # The latest first, as long as they fit.
-    for path, status in sorted(used.items(), key=lambda item: item[1].st_mtime, reverse=True):
-        size += status.st_size
-        if size > most:
-            path.unlink(missing_ok=True)
-
-
-def regular_text(field: str, file: Path, most: int, remedy: str = "give another") -> str:
+def regular_text(field: str, file: Path, most: int) -> str:
     """The text of a regular file of at most ``most`` bytes, UTF-8 or else Latin-1. Raises InputError for any other, as
     devices and pipes, which have no end."""
     try:
-        if file.exists() and not file.is_file():
-            raise InputError(field, str(file), "be a readable file, no folder, device or pipe", remedy)
+        if not file.is_file():
+            raise OSError("it does not exist, or is a folder, a device or a pipe")
         with file.open("rb") as stream:
             content = stream.read(most + 1)
-    except (OSError, ValueError) as error:
-        raise InputError(field, str(file), "be a readable file", f"{remedy}: {error}") from None
+    except OSError as error:
+        raise InputError(field, str(file), "be a readable file", f"give another: {error}") from None
     if len(content) > most:
-        raise InputError(field, str(file), f"have at most {most} bytes", remedy)
+        raise InputError(field, str(file), f"have at most {most} bytes", "put a part of it into another file")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -128,8 +114,7 @@ def make_folder(folder: str | Path, option: str = "--out") -> Path:
     folder = file_path(option, folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if not os.access(folder, os.W_OK):
-            raise PermissionError("no permission to write")
+        tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         remedy = f"{error.strerror or error}: name another"
         raise InputError(option, str(folder), "be a folder that can be written to", remedy) from None
@@ -148,19 +133,15 @@ def write_netcdf(data: xr.Dataset, file: str | Path, compression: int = 0) -> Pa
 
 
 def read_netcdf(file: Path) -> xr.Dataset:
-    """The arrays in a netCDF-4 file of one group. Raises InputError for a file that cannot be read, and for one of more
-    than LARGEST bytes."""
+    """The arrays in a netCDF-4 file of one group. Raises InputError for a file that cannot be read."""
     import h5py
     import xarray as xr
 
-    remedy = "make it again"
     try:
-        if file.stat().st_size <= LARGEST:
-            with h5py.File(file) as whole:  # what h5netcdf asks first; where that fails its own file is not closed
-                whole.attrs.get("_nc3_strict")
-            with xr.open_dataset(file, engine="h5netcdf", decode_cf=False, cache=False) as data:
-                if data.nbytes <= LARGEST:
-                    return data.load()
+        with h5py.File(file) as whole:  # what h5netcdf asks first; where that fails its own file is not closed
+            whole.attrs.get("_nc3_strict")
+        with xr.open_dataset(file, engine="h5netcdf", decode_cf=False, cache=False) as data:
+            return data.load()
     except Exception as error:  # whatever HDF5 raises for a damaged file, or one that another tool has written
-        raise InputError("file", str(file), "be a whole netCDF-4 file", f"{remedy}: {error}") from None
-    raise InputError("file", str(file), f"have at most {LARGEST} bytes, packed or not", remedy)
+        remedy = f"make it again, of a run by save('run.nc'): {error}"
+        raise InputError("file", str(file), "be a whole netCDF-4 file", remedy) from None

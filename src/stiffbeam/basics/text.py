@@ -4,37 +4,33 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
-LONGEST = 300  # letters of a message
 # Labels of length, time and force, or () where none are given; only times of records are converted.
 Units = tuple[str, ...]
 SI: Units = ("m", "s", "N")
 
 
 class _Short(reprlib.Repr):
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlist = self.maxtuple = self.maxdict = self.maxset = 12
+        self.maxlevel, self.maxstring, self.maxother = 3, 200, 200
+
     def repr_instance(self, x: Any, level: int) -> str:
-        try:
-            # NumPy's numbers as plain ones: 1.0, not np.float64(1.0).
-            return repr(x.item() if isinstance(x, np.generic) else x)
-        except Exception:  # of an integer of thousands of digits, or whatever the objects of others raise
-            return f"a {type(x).__name__}"
+        # NumPy's numbers as plain ones: 1.0, not np.float64(1.0).
+        return super().repr_instance(x.item() if isinstance(x, np.generic) else x, level)
 
-    repr_int = repr_instance
-
-
-_SHORT = _Short()
-_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = _SHORT.maxset = 12
-_SHORT.maxstring = LONGEST
+    repr_int = repr_instance  # which takes an integer of thousands of digits
 
 
 def shown(value: Any) -> str:
     """The shortened repr of ``value``; also works for a value whose repr fails."""
-    return printable(_SHORT.repr(value))
+    return printable(_Short().repr(value))
 
 
 def printable(text: str) -> str:
@@ -46,23 +42,6 @@ def printable(text: str) -> str:
 def several(count: int, noun: str) -> str:
     """A number of things: "1 contact", "2 contacts"."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
-def sentence(parts: Sequence[str], between: Sequence[str]) -> str:
-    """parts[0] between[0] parts[1] ...: one line, its longest parts cut in the middle to make LONGEST letters."""
-    parts = [printable(part) for part in parts]
-    share = left = LONGEST - sum(map(len, between))
-    # The letters that a part may have: what shorter ones do not use is left to the longer ones.
-    while sum(min(len(part), share) for part in parts) > left:
-        share -= 1
-    parts = [cut(part, share) for part in parts]
-    return "".join(x for pair in zip(parts, [*between, ""], strict=True) for x in pair)
-
-
-def cut(text: str, most: int) -> str:
-    """``text``, its middle left out where it is longer than ``most``."""
-    tail = (most - 3) // 2
-    return text if len(text) <= most else f"{text[: most - 3 - tail]}...{text[len(text) - tail :]}"
 
 
 def plain(value: Any) -> Any:

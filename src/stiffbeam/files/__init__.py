@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tomllib
 from importlib import resources
-from typing import Any
 
 
 def paper_text() -> str:
@@ -17,8 +16,3 @@ def case_blocks(text: str) -> dict[str, str]:
     """The text of each case of a TOML file as it stands there, with its comments, by name."""
     blocks = ["[[case]]" + block.rstrip() + "\n" for block in re.split(r"(?m)^\[\[case\]\]", text)[1:]]
     return {tomllib.loads(block)["case"][0].get("name"): block for block in blocks}
-
-
-def paper_entries() -> list[dict[str, Any]]:
-    """The tables as their entries stand in the data file, in order."""
-    return tomllib.loads(paper_text())["case"]

@@ -16,7 +16,6 @@ from cattrs.cols import list_structure_factory
 from cattrs.gen import make_dict_structure_fn, make_mapping_structure_fn
 
 from ..basics.arrays import Array
-from ..basics.storage import LARGEST
 from ..basics.text import SI, Units
 from ..basics.validation import InputError, exact_float, near, numbers, units_labels
 from ..model.contact import Contact, Stops
@@ -29,21 +28,15 @@ from .columns import read_samples
 
 
 def read_matrix(file: Path) -> Any:
-    """The array, dense or SciPy sparse, of a regular file: Matrix Market .mtx (a symmetric half stands for the whole),
+    """The array, dense or SciPy sparse, of a file: Matrix Market .mtx (a symmetric half stands for the whole),
     SciPy's .npz, NumPy's .npy. Nothing is unpickled. Raises InputError for any other file."""
     from scipy.io import mmread
     from scipy.sparse import load_npz
 
     readers = {".mtx": partial(mmread, spmatrix=False), ".npz": load_npz, ".npy": np.load}
     if file.suffix not in readers:
-        remedy = "write the matrix by scipy.io.mmwrite or numpy.save"
-        if file.suffix == ".mat":
-            remedy = "in Python: scipy.io.mmwrite('K.mtx', scipy.io.loadmat('model.mat')['K'])"
+        remedy = "write the matrix by scipy.io.mmwrite or numpy.save; scipy.io.loadmat reads .mat"
         raise InputError("", str(file), f"be a file of {', '.join(readers)}", remedy)
-    if not file.is_file():  # devices and pipes have no end
-        raise InputError("", str(file), "be a regular file that exists", "give its path relative to the case file")
-    if file.stat().st_size > LARGEST:
-        raise InputError("", str(file), f"have at most {LARGEST} bytes", "reduce the model first")
     try:
         return readers[file.suffix](file)
     except Exception as error:  # whatever the readers of three formats raise for a damaged file
@@ -53,11 +46,10 @@ def read_matrix(file: Path) -> Any:
 
 # ---------------------------------------------------------------- tables
 
-Line = NewType("Line", str)  # a text for one line of a terminal, a page or a file name
 Matrix = NewType("Matrix", object)  # a list of rows, of a diagonal matrix its diagonal, or the name of a file
 Row = NewType("Row", object)  # n numbers, one per unknown
 RowLoad = tuple[Row, LoadFunction]
-KINDS = {str: "a text", bool: "a truth value", int: "an integer", float: "a number", list: "a list", dict: "a table"}
+KINDS = {str: "a text", int: "an integer", float: "a number", list: "a list", dict: "a table"}
 WRITTEN = {str: '"..."', int: "1", float: "1.0", list: "[...]", dict: "{ ... }"}
 
 
@@ -126,7 +118,7 @@ class Reader:
         self.folder, self.size, self.units = folder, 0, ()  # of the system that is read: its unknowns, its units
         self.convert = convert = Converter()
         hooks: dict[Any, Any] = {
-            Line: _line, Units: _units, Matrix: self._matrix, Row: self._row,
+            Units: _units, Matrix: self._matrix, Row: self._row,
             System: self._system, RowLoad: self._row_load, Load: self._load,
             Contact: self._contact,
             TimeFunction: self._time, LoadFunction: self._time, LoadFunction | None: self._time,
@@ -181,17 +173,13 @@ class Reader:
 
     def _time(self, value: Any, _: Any, own: tuple[str, ...] = ()) -> TimeFunction:
         """The sum, samples, constant or harmonic function of a table; ``own`` are others in it."""
-        one = next((name for name in ("sum", "sampled", "constant") if name in _kind(value, dict)), "")
-        known = {
-            "sum": ["sum"], "sampled": [x.name for x in fields(Samples)], "constant": ["constant"],
-            "": ["amplitude", "frequency", "phase", "constant", "sampled", "sum"],
-        }[one]  # fmt: skip
-        _table(value, [*known, *own])
-        rest = {name: x for name, x in value.items() if name not in own}
-        if one == "sum":
-            return Superposition(*self.read(rest, dict[str, Sequence[TimeFunction]])["sum"])
+        rest = {name: x for name, x in _kind(value, dict).items() if name not in own}
+        one = next((name for name in ("sampled", "sum", "constant") if name in rest), "")
         if one == "sampled":
             return self._sampled(self.read(rest, Samples))
+        _table(rest, [one] if one else ["amplitude", "frequency", "phase", "constant", "sampled", "sum"])
+        if one == "sum":
+            return Superposition(*self.read(rest, dict[str, Sequence[TimeFunction]])["sum"])
         return Constant(_number(rest["constant"])) if one else self.read(rest, Harmonic)
 
     def _sampled(self, record: Samples) -> Sampled:
@@ -284,10 +272,7 @@ def _kind(value: Any, kind: type | tuple[type, ...]) -> Any:
     """``value`` if it is of this kind; in Python a truth value is an integer."""
     kinds = kind if isinstance(kind, tuple) else (kind,)
     if isinstance(value, bool) or not isinstance(value, kinds):
-        found = next((name for x, name in KINDS.items() if isinstance(value, x)), "something else")
-        raise InputError(
-            "", value, f"be {' or '.join(KINDS[x] for x in kinds)}", f"it is {found}: write {WRITTEN[kinds[0]]}"
-        )
+        raise InputError("", value, f"be {' or '.join(KINDS[x] for x in kinds)}", f"write {WRITTEN[kinds[0]]}")
     return value
 
 
@@ -297,16 +282,10 @@ def _needed(table: dict[str, Any], name: str, written: str = "...") -> Any:
     return table[name]
 
 
-def _text(value: Any, _: Any = None, printable: str = " \t\n") -> str:
+def _text(value: Any, _: Any = None) -> str:
     """A text that can be printed: control characters would reach the terminal."""
-    if not all(x.isprintable() or x in printable for x in _kind(value, str)):
+    if not all(x.isprintable() or x in " \t\n" for x in _kind(value, str)):
         raise InputError("", value, "hold printable letters", "leave control characters out")
-    return value
-
-
-def _line(value: Any, _: Any = None) -> str:
-    if not _text(value, None, "").strip() or len(value) > 200:
-        raise InputError("", value, "be 1 to 200 printable letters", "shorten it, or write one")
     return value
 
 
@@ -316,5 +295,5 @@ def _number(value: Any, _: Any = None) -> float:
         _kind(value, float)
     try:
         return value if isinstance(value, float) else exact_float(value)
-    except (ValueError, ZeroDivisionError):
+    except (ValueError, ArithmeticError):
         raise InputError("", value, "be a number in the range of float64", 'for example 0.001, or "pi/2"') from None

@@ -25,7 +25,7 @@ from ..basics import storage
 from ..basics.resources import Show
 from ..basics.storage import content_hash, read_netcdf, write_netcdf
 from ..basics.text import printable
-from ..basics.validation import InputError, file_path, numbers, positive
+from ..basics.validation import InputError, file_path, numbers
 from ..model.contact import Stops
 from ..model.system import System, require_system
 from ..references import reference, solve
@@ -47,25 +47,14 @@ MOST = 1 << 30  # bytes of references that are kept
 BOUND = 1e-9  # of max |u| and of the times: the accuracy that integrating again may lose
 
 
-def can_freeze(solution: Reference) -> bool:
-    """True for a multiprecision solution that is confirmed to its end."""
-    notes = solution.provenance
-    return notes["method"] == "multiprecision" and solution.horizon >= float(notes["t_end"])
-
-
 def keep(solution: Reference, file: str | Path) -> Path:
-    """Write a solution to a file: frozen where it can be, any other with its outputs."""
-    return freeze(solution, file) if can_freeze(solution) else solution.save(file)
-
-
-def freeze(solution: Reference, file: str | Path) -> Path:
-    """Write a multiprecision ``solution`` to a file that ``load`` reads together with its system: every event time, and
-    the state at every second event. Raises InputError where the solution is not confirmed to its end."""
+    """Write a solution to a file. One that is multiprecision and confirmed to its end is frozen: every event time, and
+    the state at every second event, which ``load`` reads together with its system. Any other has its outputs."""
     import xarray as xr
 
     notes, motion = solution.provenance, solution.solution
-    if not can_freeze(solution):
-        raise InputError("reference", solution.label, "be multiprecision and confirmed to t_end", "give more digits")
+    if notes["method"] != "multiprecision" or solution.horizon < float(notes["t_end"]):
+        return solution.save(file)
     stored, sides = np.arange(0, len(motion.times), EVERY), motion.sides.astype(np.int8)
     sides = sides[:, 0] if sides.shape[1] == 1 else sides  # a single contact needs no second dimension
     q, v = motion.states(motion.times[stored], stored)
@@ -149,12 +138,9 @@ def load(file: str | Path, system: System | None = None, t_eval: ArrayLike | Non
     >>> bool((again.tip == run.tip).all())
     True
     """
-    path = file_path("file", file, "give one that save() has written")
+    path = file_path("file", file)
     if not path.is_file():
         raise InputError("file", str(path), "exist", "give one that save() has written")
-    if path.suffix in (".csv", ".json", ".txt", ".npz", ".npy"):
-        remedy = "of columns of your own make stiffbeam.Trajectory.from_arrays(t, tip, system=system)"
-        raise InputError("file", str(path), "be netCDF, as run.save('run.nc') writes it", remedy)
     if system is not None:
         require_system(system)
     t_eval = None if t_eval is None else numbers("t_eval", t_eval)
@@ -272,7 +258,6 @@ def cached_reference(
     if method == "exact":
         return reference(*given.args, **given.kwargs)
     require_system(system)
-    positive("t_end", t_end)
     # A bare callable has no content to make a key of.
     system.drive.require_closed_form("a cached reference")
     given.apply_defaults()
@@ -296,7 +281,11 @@ def cached_reference(
         return result  # more seconds reach further
     try:
         keep(result, file)
-        storage.forget(file.parent, "*.nc", MOST)
+        # The latest stay, as long as they fit.
+        files = sorted(file.parent.glob("*.nc"), key=lambda path: path.stat().st_mtime, reverse=True)
+        for path, size in zip(files, np.cumsum([path.stat().st_size for path in files]), strict=True):
+            if size > MOST:
+                path.unlink(missing_ok=True)
     except InputError as error:
         if error.field != "file":
             raise

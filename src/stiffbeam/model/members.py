@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array, same
 from ..basics.resources import afford
 from ..basics.text import path_of, walk
-from ..basics.validation import InputError, Rng, generator, instance, integer, near, number, numbers, positive, sequence
+from ..basics.validation import InputError, Rng, instance, integer, near, number, numbers, positive, sequence
 from .contact import Stops, on_rigid_stops
 from .modes import undamped_modes
 from .problem import BeamProblem
@@ -171,7 +171,7 @@ def perturbed_members(
     if not 0.0 < motion.speed < np.inf:
         rule = "be known for a system at rest, and for one that nothing stops"
         raise InputError("the speed of the motion", motion.speed, rule, "give t_end, the length of the runs")
-    noise = generator(rng).uniform(-1.0, 1.0, (members, 2, system.size))
+    noise = np.random.default_rng(rng).uniform(-1.0, 1.0, (members, 2, system.size))
     eta = np.divide(noise[:, 0], motion.rates, out=np.zeros_like(noise[:, 0]), where=motion.rates > 0.0)
     speed = size * motion.speed
     q0 = (off_rigid_stops(system, system.q0 + speed * basis.to_nodal(x)) for x in eta)

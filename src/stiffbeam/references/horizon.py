@@ -16,7 +16,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.resources import Show, working
-from ..basics.validation import InputError, Rng, generator, positive
+from ..basics.validation import InputError, Rng, positive
 from ..model.modes import rounding_of_zero, undamped_modes
 from ..model.scales import scales
 from ..model.system import System, require_system
@@ -405,7 +405,7 @@ def _on_stops(tangent: Tangent, segment: int, dz: Array) -> Array:
 def _vectors(tangent: Tangent, rng: Rng) -> Array:
     """Tangent vectors (vectors, 2n) in modes: random with the energy spread over all of them, and (q', q'')."""
     omega = np.sqrt(tangent.variation.free.w2)
-    noise = generator(rng).standard_normal((2, len(omega), RANDOM))
+    noise = np.random.default_rng(rng).standard_normal((2, len(omega), RANDOM))
     slowest = np.min(omega, where=omega > 0.0, initial=np.max(omega) or 1.0)  # also for a rigid motion
     # Displacements over frequencies: elastic and kinetic energy are of one size. The floor bounds nearly rigid modes.
     scale = np.where(omega > 0.0, np.maximum(omega, 1e-8 * np.max(omega)), slowest)

@@ -368,7 +368,7 @@ def read_values(text: str) -> list[float]:
         low, high, n = float(exact_float(start)), float(exact_float(stop)), int(count)
         if n < 1 or spacing not in ([], ["log"]) or (spacing and min(low, high) <= 0.0):
             raise ValueError
-    except ValueError:
+    except (ValueError, ArithmeticError):
         rule = "read start:stop:count, start:stop:count:log with both ends > 0, or numbers with commas between them"
         raise InputError("values", text, rule, "for example 8:14:400") from None
     afford("values", text, "take fewer", floats=200.0 * n)  # each is a point with its rows

@@ -35,7 +35,7 @@ from cyclopts import Parameter
 from ..basics.arrays import Array, Recent
 from ..basics.resources import current, over
 from ..basics.text import with_unit
-from ..basics.validation import InputError, Rng, generator, number
+from ..basics.validation import InputError, Rng, number
 from ..figures.chart import Figure, style_of
 from ..files.cases import Case
 from ..march.integrate import integrate_ensemble
@@ -187,7 +187,7 @@ def drawn_members(system: System, uncertain: Mapping[str, Any], members: int, rn
         )
         raise InputError("case", uncertain, "have uncertain parameters", remedy)
     columns = {}
-    sample = scipy.stats.qmc.LatinHypercube(len(uncertain), rng=generator(rng)).random(members)
+    sample = scipy.stats.qmc.LatinHypercube(len(uncertain), rng=np.random.default_rng(rng)).random(members)
     for (path, one), shares in zip(uncertain.items(), sample.T, strict=True):
         if not hasattr(one, "ppf"):
             low, high = (number(f"uncertain {path}", x) for x in one) if np.shape(one) == (2,) else (0.0, 0.0)

@@ -20,7 +20,7 @@ from ..basics.text import plain
 from ..basics.validation import InputError, sequence
 from ..figures import chart
 from ..figures.chart import Figure
-from ..files.columns import TIMES, bare, factor_of, read_columns, time_of
+from ..files.columns import TIMES, bare, read_columns, time_of
 from ..integrators import FUNCTION, RECORDED, SCHEME, SOLVER, Integrator, finite_run
 from ..integrators import integrators as integrators_of
 from ..measures.errors import Order, observed_order
@@ -536,6 +536,5 @@ def read_trajectory(file: Path) -> tuple[Array, ...]:
     if len(table) < 4:
         found, remedy = f"{file}: {len(table)} lines of numbers", "write the run out at more times"
         raise InputError("--trajectory", found, "hold at least 4 of them", remedy)
-    time = time_of(file, "--trajectory", table)
-    table[time] *= factor_of(time, "s")
+    time_of(file, "--trajectory", table, "s")
     return tuple(table.iloc[:, names.index(name)].to_numpy(float) for name in "tuv" if name in names)

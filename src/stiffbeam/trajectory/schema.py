@@ -201,13 +201,15 @@ class Saved:
     def save(self: Any, file: str | Path) -> Path:
         """Write it in the format that the suffix names; an interrupted write leaves no file.
 
-        .nc: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .csv: ``to_dataframe()``, a line for each
-        output time or member; impacts have a table of their own, ``run.impacts.to_dataframe()``. Raises InputError for
-        any other suffix.
+        .nc: netCDF-4 with everything, which alone ``stiffbeam.load`` reads. .json: the same, in the layout of
+        ``xarray.Dataset.to_dict``. .csv: ``to_dataframe()``, a line for each output time or member; impacts have a
+        table of their own, ``run.impacts.to_dataframe()``. Raises InputError for any other suffix.
         """
-        suffix = file_path("file", file, 'for example "run.nc"').suffix.lower()
+        suffix = file_path("file", file).suffix.lower()
         if suffix == ".csv":
             return write_whole(file, self.to_dataframe().to_csv())
+        if suffix == ".json":
+            return write_whole(file, json.dumps(plain(self.to_xarray().to_dict()), allow_nan=False) + "\n")
         if suffix != ".nc":
-            raise InputError("file", str(file), "end in .nc or .csv", f"name it {Path(file).stem}.nc")
+            raise InputError("file", str(file), "end in .nc, .json or .csv", f"name it {Path(file).stem}.nc")
         return write_netcdf(self.to_xarray(), file, compression=4 if self.kind == "ensemble" else 0)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
 from ..basics.resources import afford
-from ..basics.text import DRAW, sentence, several
+from ..basics.text import DRAW, printable, several
 from ..basics.validation import InputError, integer, numbers, positive, sequence
 from .recorder import run_fields, sampled_record
 from .records import ContactRecord, Impacts, Ledger, as_it_starts
@@ -42,7 +42,7 @@ def versions() -> dict[str, str]:
 class _Stopped(RuntimeError):
     """A run that ended at the time t, by its method, that time, and further parts of a sentence."""
 
-    joints: ClassVar[tuple[str, ...]]  # of the parts
+    verb: ClassVar[str]
 
     def __init__(self, method: str, t: float, *others: str) -> None:
         super().__init__(method, t, *others)
@@ -50,7 +50,7 @@ class _Stopped(RuntimeError):
 
     def __str__(self) -> str:
         method, t, *others = self.args
-        return sentence((method, f"{t:.6g}", *others), self.joints)
+        return printable(f"{method} {self.verb} at t = {t:.6g}: {'; '.join(others)}")
 
 
 class Diverged(_Stopped):
@@ -62,7 +62,7 @@ class Diverged(_Stopped):
         Time of the first value that is not finite.
     """
 
-    joints = " overflowed at t = ", ": "
+    verb = "overflowed"
 
 
 class SolverFailure(_Stopped):
@@ -74,7 +74,7 @@ class SolverFailure(_Stopped):
         The time that the solver had reached.
     """
 
-    joints = " stopped at t = ", ": ", "; "
+    verb = "stopped"
 
 
 @dataclass(frozen=True)
