@@ -121,7 +121,7 @@ FAULTS = [
     ("model", "model/reduction.py", "if max(lost, soft) > LOST:", "if lost > LOST:"),
     ("model", "model/scales.py", "np.sqrt(2.0 * stored), *moving, 0.0", "*moving, 0.0"),
     ("model", "model/scales.py", "square[towards] = np.minimum(square[towards], 2.0 *", "square[towards] = np.minimum(square[towards], 1.0 *"),
-    ("references", "model/system_data.py", "4.0 / 5.0, -1.0 / 5.0", "4.0 / 5.0, 1.0 / 5.0"),
+    ("references", "model/system_data.py", "[4.0, -6.0, 4.0, -1.0]", "[4.0, -6.0, 4.0, 1.0]"),
     ("model", "model/system.py", "if self.origin and self.keeps(\"stiffness\") else None", "if self.origin else None"),
     ("model", "basics/validation.py", "return read_only(value) if isinstance(value, np.ndarray) else value", "return value"),
     ("model", "model/beam.py", "stencil[0, 0] = 7.0", "stencil[0, 0] = 6.0"),
