@@ -106,7 +106,7 @@ FAULTS = [
     ("model", "model/modes.py", "values = values + np.where(single", "values = values - 0.0 * np.where(single"),
     ("model", "model/members.py", "(members, 2, system.size))", "(1, 2, system.size)).repeat(members, 0)"),
     ("march", "model/members.py", "v0 = (system.v0 + speed", "v0 = (system.v0 + 0.5 * speed"),
-    ("model", "model/members.py", "index or list(range(len(stops)))", "index or [0]"),
+    ("model", "model/members.py", "index or range(len(stops))", "index or [0]"),
     ("model", "model/members.py", "if placed.setdefault(keys, sign * value) != sign * value:", "if False:"),
     ("march", "model/members.py", "others != functions or ", ""),
     ("schemes", "model/equations.py", "(Q[..., 0], force1 - force0)", "(Q[..., 0], force1)"),
