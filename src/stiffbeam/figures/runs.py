@@ -192,7 +192,7 @@ def zoom_on_stop(axis: Axes, reference: Trajectory, start: float, end: float, co
     if not record.impacts.count:
         return
     side = int(record.impacts.stops[0])
-    stop = record.stops.bound(side)
+    stop = record.stops.sides[side]
     if isinstance(reference, Reference) and reference.solution is not None:
         u, _ = reference.at(np.linspace(start, end, 800), contact)
     else:

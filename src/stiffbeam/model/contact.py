@@ -23,11 +23,8 @@ LINEAR = {"exponent": 1.0, "damping": 0.0, "dissipation": 0.0}
 
 
 class Law(NamedTuple):
-    """The parameters of the law in the form for kernels, with the stops g1 and g2. An array of laws has them in this
-    order.
-
-    Those after g2 stand in the order of ``LINEAR``.
-    """
+    """The parameters of the law in the form for kernels, with the stops g1 and g2, those after g2 in the order of
+    ``LINEAR``. ``Law(*laws.T)`` are those of an array of laws (.., 6)."""
 
     kappa: float
     g1: float  # the lower stop, -inf for none
@@ -36,22 +33,22 @@ class Law(NamedTuple):
     c: float
     lam: float
 
+    @property
+    def jumps(self) -> Any:
+        """Return True where F jumps when the gap closes with a velocity other than zero: a state on the stop does not
+        tell the force."""
+        return self.c > 0.0
 
-def all_laws(law: Array) -> Law:
-    """An array of laws (.., 6) as one Law of arrays (..)."""
-    return Law._make(np.moveaxis(law, -1, 0))
+    @property
+    def damps(self) -> Any:
+        """Return True where F depends on the velocity."""
+        return self.jumps | (self.lam > 0.0)
 
 
 # ---------------------------------------------------------------- the terms of the law, see Stops
 #
 # They are arithmetic alone, on numbers, NumPy arrays or JAX arrays. A new term is a field of ``Stops``, its place in
 # ``Law``, a change of these, and the same in kernels/law.h; a test holds both against each other.
-
-
-def power(d: Any, p: float) -> Any:
-    """d^p for d > 0, odd in d, so that it goes on smoothly where a root is sought beyond the stop."""
-    # The sign by arithmetic: this line runs on floats, NumPy arrays and JAX arrays.
-    return d if p == 1.0 else (2.0 * (d >= 0.0) - 1.0) * abs(d) ** p
 
 
 def chord(d: Any, law: Law) -> Any:
@@ -75,19 +72,11 @@ def depth_holding(energy: Any, law: Law) -> Any:
 
 
 def pressure(d: Any, rate: Any, law: Law) -> Any:
-    """f(d) (1 + lambda d') + c d' with f = kappa d^p, not yet cut off at zero."""
-    return law.kappa * power(d, law.p) * (1.0 + law.lam * rate) + law.c * rate
-
-
-def jumps(law: Law) -> Any:
-    """Return True where F jumps when the gap closes with a velocity other than zero: a state on the stop does not tell
-    the force."""
-    return law.c > 0.0
-
-
-def damps(law: Law) -> Any:
-    """Return True where F depends on the velocity."""
-    return jumps(law) | (law.lam > 0.0)
+    """f(d) (1 + lambda d') + c d' with f = kappa d^p, not yet cut off at zero; f is odd in d, so that it goes on
+    smoothly where a root is sought beyond the stop."""
+    # The sign by arithmetic: this line runs on floats, NumPy arrays and JAX arrays.
+    power = d if law.p == 1.0 else (2.0 * (d >= 0.0) - 1.0) * abs(d) ** law.p
+    return law.kappa * power * (1.0 + law.lam * rate) + law.c * rate
 
 
 @dataclass(frozen=True, repr=False)
@@ -195,14 +184,10 @@ class Stops(Frozen):
         """The upper stop, +inf where that side is free."""
         return math.inf if self.upper is None else float(self.upper)
 
-    def bound(self, side: int) -> float:
-        """The stop on ``side``, +1 the upper one and -1 the lower, infinite where that side is free."""
-        return self.upper_bound if side > 0 else self.lower_bound
-
     @cached_property
-    def sides(self) -> list[tuple[int, float]]:
-        """(side, stop) of every side that has a stop, the upper one first."""
-        return [(side, self.bound(side)) for side in (1, -1) if math.isfinite(self.bound(side))]
+    def sides(self) -> dict[int, float]:
+        """The stop on each side that has one, the upper one, +1, before the lower, -1."""
+        return {side: g for side, g in ((1, self.upper_bound), (-1, self.lower_bound)) if math.isfinite(g)}
 
     @property
     def rigid(self) -> bool:
@@ -232,16 +217,6 @@ class Stops(Frozen):
         """Return True where F = -kappa d, kappa finite."""
         return not self.rigid and all(getattr(self, name) == plain for name, plain in LINEAR.items())
 
-    @cached_property
-    def dissipative(self) -> bool:
-        """Return True where F depends on the velocity."""
-        return damps(self.coefficients)
-
-    @property
-    def jumps(self) -> bool:
-        """Return True where F jumps when the gap closes with a velocity other than zero."""
-        return jumps(self.coefficients)
-
     def penetration(self, v: ArrayLike) -> Array:
         """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
         v = np.asarray(v, float)
@@ -263,7 +238,7 @@ class Stops(Frozen):
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v, with the ``velocity`` of v. InputError where F depends on one that is not given,
         and for a rigid stop."""
-        if velocity is None and self.dissipative:
+        if velocity is None and self.coefficients.damps:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
         motion = (np.asarray(x, float) for x in (v, 0.0 if velocity is None else velocity))
@@ -282,7 +257,7 @@ class Stops(Frozen):
         """
         v = np.asarray(v, float)
         chi = (v > self.upper_bound).astype(np.int64) - (v < self.lower_bound).astype(np.int64)
-        return chi * (self.force(v, velocity) != 0.0) if self.dissipative else chi
+        return chi * (self.force(v, velocity) != 0.0) if self.coefficients.damps else chi
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,7 +326,7 @@ def laws(contacts: Sequence[Contact]) -> Array:
 def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     """The stop of a contact that exists at t = 0, +-1, or 0: a start exactly on a stop that does not leave it is
     contact, see ``Impacts``."""
-    stops = all_laws(law)
+    stops = Law(*law.T)
     on = 1.0 * ((u0 == stops.g2) & (v0 >= 0.0)) - 1.0 * ((u0 == stops.g1) & (v0 <= 0.0))
     # Beyond a stop by the force, which a damped one may have let go before the gap opens.
     return np.where((u0 == stops.g1) | (u0 == stops.g2), on, -np.sign(contact_forces(u0, v0, law)))

@@ -118,7 +118,7 @@ def _fall(system: System, basis: Modes, force: Array, level: float) -> Array:
     # The nearest stop ahead of each mode, on either side of a contact.
     for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
         along, stops = basis.force(contact.row), contact.stops
-        for side, bound in stops.sides:
+        for side, bound in stops.sides.items():
             towards = side * along * f > 0.0
             pressed = np.abs(f[towards] / along[towards])
             depth = depth_under(pressed, stops.coefficients)

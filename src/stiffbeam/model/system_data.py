@@ -97,7 +97,7 @@ def _structure(system: System) -> list[object]:
     terms = leaves(*system.time_functions)
     kinds = [(type(f), f.t.tobytes(), f.degree) if isinstance(f, Sampled) else type(f) for f in terms]
     laws = [(c.stops.coefficients.p, c.stops.coefficients.lam, c.stops.rigid) for c in system.contacts]
-    return [*kinds, *laws, *([side for side, _ in c.stops.sides] for c in system.contacts), system.size]
+    return [*kinds, *laws, *(list(c.stops.sides) for c in system.contacts), system.size]
 
 
 def slopes(system: System, wrt: Sequence[Any]) -> tuple[list[str], list[SystemData], Array]:

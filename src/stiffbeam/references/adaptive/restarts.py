@@ -115,7 +115,7 @@ def scales_of(system: System, t_end: float) -> Scales:
         o, gives = evaluate(contact.offset, t), float(np.linalg.norm(contact.row @ soft)) ** 2
         moves.append(float(np.max(np.abs(o))))
         move = float(np.max(np.abs(o - o[0])))
-        if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid
+        if move and not contact.stops.coefficients.damps:  # one that damps may hold the contact as if it were rigid
             gives += 1.0 / chord(move, contact.stops.coefficients)
         energy += 0.5 * move * move / gives
     if not np.isfinite(energy):
@@ -218,7 +218,7 @@ class Path:
         self.method, self.rhs, self.solver = method, rhs, solver
         # What event functions are good to: a gap is a difference of numbers as large as the motion and the stop, and
         # below some roundings of these its sign means nothing. The rates of forces, each in units of its own, have 0.
-        stops = [max(abs(g) for _, g in rhs.system.contacts[i].stops.sides) for i, _ in rhs.sides]
+        stops = [max(abs(g) for g in rhs.system.contacts[i].stops.sides.values()) for i, _ in rhs.sides]
         contacts = [i for i, _ in rhs.sides]
         extents = np.concatenate([scales.lengths[contacts] + stops, scales.speeds[contacts]])
         self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, len(rhs.levels) - len(extents)))
@@ -320,7 +320,7 @@ class Path:
         turn there from rising to falling without a zero of its rate."""
         for k in np.flatnonzero(self.closed).tolist():
             contact = self.rhs.system.contacts[self.rhs.sides[k][0]]
-            if (contact.offset is not None or contact.stops.dissipative) and self.spans[k][-1].ends[0][0] < t:
+            if (contact.offset is not None or contact.stops.coefficients.damps) and self.spans[k][-1].ends[0][0] < t:
                 self._note(k, t, z)
 
     def _gaps_and_rates(self, t: float, z: Array) -> Array:

@@ -259,7 +259,7 @@ def _beyond(solution: Motion, t: Array, kept: Array) -> float:
         row, moved = np.abs(contact.row), np.abs(q) + times[:, None] * np.abs(v)
         rounding = ROUNDINGS * EPS * float(np.max(moved @ row + np.abs(evaluate(contact.offset, times))))
         largest = max(float(np.max(np.abs(x))) for x in (u, between))
-        size = max(largest, *(abs(g) for _, g in contact.stops.sides), 1e-300)
+        size = max(largest, *(abs(g) for g in contact.stops.sides.values()), 1e-300)
         beyond = float(np.max(np.abs(contact.stops.penetration(u)))) - rounding - float(kept @ row)
         worst = max(worst, beyond / size)
     return worst

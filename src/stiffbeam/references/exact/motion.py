@@ -80,7 +80,7 @@ def on_stops(system: System) -> dict[int, int]:
         u = float(each.row @ system.q0) + moved
         # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
         whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))
-        for side, g in each.stops.sides:
+        for side, g in each.stops.sides.items():
             # Within rounding of its stop a contact is on it, neither off nor beyond.
             if side * (u - g) >= -ON_STOP * max(abs(g), abs(moved)):
                 if side * (u - g) > ON_STOP * max(abs(g), abs(moved), whole):
