@@ -210,14 +210,12 @@ class Sampled(Derivable):
     def __post_init__(self) -> None:
         one_of("kind", self.kind, KINDS, "be 'linear' or 'cubic'")
         for name in ("t", "values"):
-            stated, rule = getattr(self, name), "be two or more finite numbers in a row"
-            array = constants(f"sampled.{name}", stated, rule)
-            if array.ndim != 1 or len(array) < 2:
-                raise InputError(f"sampled.{name}", stated, rule, "give a list")
-            vars(self)[name] = array
-        if len(self.t) != len(self.values):
-            remedy = "give as many values as times"
-            raise InputError("sampled.values", len(self.values), f"be one per time, {len(self.t)}", remedy)
+            vars(self)[name] = constants(f"sampled.{name}", getattr(self, name), "be finite numbers in a row")
+        if self.t.ndim != 1 or len(self.t) < 2:
+            raise InputError("sampled.t", self.t, "be two or more times in a row", "give a list")
+        if self.values.shape != self.t.shape:
+            rule = f"be one per time, {len(self.t)}"
+            raise InputError("sampled.values", f"shape {self.values.shape}", rule, "give as many values as times")
         steps = np.diff(self.t)
         if not np.all(steps > 0.0):
             at = int(np.argmin(steps > 0.0))
@@ -259,17 +257,14 @@ class Sampled(Derivable):
 
         with np.errstate(over="ignore", invalid="ignore"):
             try:
-                if self.kind == "cubic":
-                    whole = CubicSpline(self.t, self.values)
-                else:
-                    whole = PPoly(np.array([np.diff(self.values) / np.diff(self.t), self.values[:-1]]), self.t)
-            # A divided difference overflows, or two times are one beside others.
-            except (ValueError, np.linalg.LinAlgError):
-                whole = None
-        if whole is None or not np.all(np.isfinite(whole.c)):
-            remedy = "check the times: two lie so close that slopes overflow"
-            raise InputError("sampled.values", "slopes that overflow", "be representable in float64", remedy)
-        return whole
+                lines = [np.diff(self.values) / np.diff(self.t), self.values[:-1]]
+                whole = CubicSpline(self.t, self.values) if self.kind == "cubic" else PPoly(lines, self.t)
+                if np.all(np.isfinite(whole.c)):
+                    return whole
+            except ValueError:  # a divided difference overflows, or two times are one beside others
+                pass
+        remedy = "check the times: two lie so close that slopes overflow"
+        raise InputError("sampled.values", "slopes that overflow", "be representable in float64", remedy)
 
     def taylor(self, t: Array) -> Array:
         """Coefficients (.., 4) of f(t + s) = c_0 + c_1 s + c_2 s^2 + c_3 s^3 up to the next sample, also outside."""
