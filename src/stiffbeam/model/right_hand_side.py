@@ -21,7 +21,7 @@ from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import THROUGH, equations, evaluated, function_address, jacobian
 from .beam import velocity_curvature_matrices
 from .contact import Law, channel_motion, channel_position, laws, pressure
-from .time_functions import breakpoints_of, evaluate
+from .time_functions import evaluate
 
 if TYPE_CHECKING:
     from .system import System
@@ -308,7 +308,7 @@ class ODE:
         ``contact`` and ``side``, 1 upper or -1 lower, and SciPy's ``direction`` and ``terminal``. Those of ``segment``
         end it: terminal, with direction 1 where the side is open and -1 where it is closed.
     breakpoints : tuple of float
-        Times at which a load or an offset is not smooth: samples of records, and those that a function states.
+        Times at which a load or an offset is not smooth: samples of records.
 
     Examples
     --------
@@ -380,8 +380,8 @@ class ODE:
 
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times at which a load or an offset is not smooth."""
-        return tuple(breakpoints_of(*self.system.drive.others).tolist())
+        """Times of the samples of records."""
+        return tuple(self.system.drive.edges.tolist())
 
     @cached_property
     def cfunc(self) -> tuple[int, int]:

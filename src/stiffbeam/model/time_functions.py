@@ -44,8 +44,8 @@ class TimeFunction(Protocol):
     """f(t) with two derivatives, vectorised: an array of times gives an array of that shape.
 
     ``Harmonic``, ``Constant``, ``Sampled`` and ``Superposition`` are time functions. A class of your own needs the
-    three methods ``value``, ``rate`` and ``acceleration``. An attribute ``breakpoints`` may state the times where f is
-    not smooth, so that adaptive solvers restart there.
+    three methods ``value``, ``rate`` and ``acceleration``. Times where it is not smooth are the argument
+    ``breakpoints`` of ``reference``.
 
     Examples
     --------
@@ -416,25 +416,6 @@ def description(function: LoadFunction | None) -> str:
     key = tuple(map(id, behind))
     _CALLABLES[key] = behind  # kept, so that no other one is ever given its number
     return f"callable {_PROCESS} {key}"
-
-
-def breakpoints_of(*functions: LoadFunction | None) -> Array:
-    """Times where one of these is not smooth: samples of records, and what the attribute ``breakpoints`` of other
-    functions states, which a bare callable can carry too: ``f.breakpoints = (0.5, 0.502)``."""
-    times = [np.zeros(0)]
-    for leaf in leaves(*functions):
-        whole = getattr(leaf, "__self__", None)
-        if isinstance(whole, TimeFunction):  # the rate of a base is as smooth as the base
-            times.append(breakpoints_of(whole))
-        else:
-            stated = leaf.t if isinstance(leaf, Sampled) else getattr(leaf, "breakpoints", None)
-            times.append(times_of("breakpoints", () if stated is None else stated))
-    return np.unique(np.concatenate(times))
-
-
-def times_of(field: str, values: Any) -> Array:
-    """Times in increasing order. Raises InputError for what are none."""
-    return np.unique(numbers(field, values, "be finite times", "give a list of them"))
 
 
 # ---------------------------------------------------------------- all those of a system as numbers

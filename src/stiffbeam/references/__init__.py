@@ -65,9 +65,9 @@ def reference(
     digits : int or "auto"
         Number of digits of "multiprecision".
     breakpoints : (k,) array
-        Times where a load or an offset is not smooth, for adaptive solvers, besides those that a function of time
-        states itself (its attribute ``breakpoints``). Limitation: a function in Python is seen only at the steps, of
-        which there are at least 200. Give breakpoints where a shorter feature begins and ends.
+        Times where a load or an offset is not smooth, for adaptive solvers, besides the samples of records.
+        Limitation: a function in Python is seen only at the steps, of which there are at least 200. Give breakpoints
+        where a shorter feature begins and ends.
     max_step : float, optional
         The longest step of an adaptive solver, by default what the functions of time allow.
     progress : bool or callable
@@ -226,9 +226,9 @@ def solve(*request: Any, **options: Any) -> Reference:
 def _checked(request: Request) -> Request:
     """The request, t_end a float. Raises InputError for what its method cannot take."""
     from ..model.system import require_system
-    from ..model.time_functions import times_of
 
-    method, longest, breaks = request.method, request.max_step, times_of("breakpoints", request.breakpoints)
+    method, longest = request.method, request.max_step
+    breaks = np.unique(numbers("breakpoints", request.breakpoints, "be finite times", "give a list of them"))
     require_system(request.system)
     adaptive, t_end = method_of(method).kind == ADAPTIVE, positive("t_end", request.t_end)
     if longest is not None and positive("max_step", longest) < LEAST_STEP * t_end:

@@ -31,7 +31,7 @@ from ...model.contact import chord
 from ...model.modes import undamped_modes
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
-from ...model.time_functions import breakpoints_of, evaluate
+from ...model.time_functions import evaluate
 from ...trajectory.trajectory import SolverFailure
 from ..registry import Request
 
@@ -67,11 +67,9 @@ def smooth_intervals(request: Request) -> list[Interval]:
         longest = min(longest, t_end / STEPS_OF_FUNCTIONS)
     if request.second:
         longest = SECOND_LOOK * min(longest, t_end / STEPS_OF_FUNCTIONS)
-    # The cuts: breakpoints of the caller, samples of the records, breakpoints that a function states.
-    times = [np.asarray(request.breakpoints), breakpoints_of(*drive.others)]
     # Cuts that are a few roundings apart would leave an interval of rounding length between them.
     cuts, least = [0.0], 64.0 * float(np.finfo(float).eps) * t_end
-    for t in np.unique(np.concatenate(times)).tolist():
+    for t in np.union1d(request.breakpoints, drive.edges).tolist():
         if cuts[-1] + least < t < t_end - least:
             cuts.append(t)
     # The functions may jump at a cut: an interval ends one double before it, and the next one evaluates them after it.
