@@ -157,8 +157,8 @@ NO_FUNCTION = [
     (lambda: sb.Constant(Fraction(10) ** 400), "range of float64"),
 ]  # fmt: skip
 NO_MEMBER = [
-    (lambda: EnsembleMembers(one_mass(1.0, TIP), "mass", [1.0], []), "one per member"),
-    (lambda: EnsembleMembers(one_mass(1.0, TIP), "mass", [1.0], [one_mass(1.0)]), "unknowns and contacts"),
+    (lambda: EnsembleMembers(one_mass(1.0, TIP), [], {"mass": [1.0]}), "one value per member"),
+    (lambda: EnsembleMembers(one_mass(1.0, TIP), [one_mass(1.0)]), "unknowns and contacts"),
     *((lambda path=path: member(path), "did you mean|known: frequency") for path in (
         "", ".", "stops", "stops.stifness", "stops[2].damping", "q0[3]", "loads[0]", "base.frequency")),
 ]  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import reduce
 from numbers import Real
 from typing import Any
@@ -30,7 +30,6 @@ LISTED = "be EnsembleMembers or a list of systems", "make them with perturbed_me
 # 1e-12 the counts of Table 10 that HHT, the trapezoidal rule and the exponential flow make at fine steps were 4 to 10 %
 # below the exact ones, of which +-3 % was said; with 1e-3 they agree.
 SPREAD = 1e-3
-STARTS, SYSTEMS = "initial data", "systems"  # what differs where a member has a number and no value
 SCALE = "scale"  # the last name of a path to a time function or an array: a factor on it
 
 
@@ -41,12 +40,10 @@ class EnsembleMembers(Sequence[System]):
     Parameters
     ----------
     system : System
-    parameter : str
-        Name of the parameter that differs.
-    values : array or sequence
-        One value of the parameter per member, or a row of those of several parameters.
     systems : sequence of System
         The members.
+    parameters : mapping of path to values
+        The parameters that were varied, with a value for each member.
 
     Raises
     ------
@@ -62,9 +59,8 @@ class EnsembleMembers(Sequence[System]):
     """
 
     system: System
-    parameter: str
-    values: Any
     systems: Sequence[System]
+    parameters: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         counts = lambda system: (system.size, len(system.contacts), len(system.channels))  # noqa: E731
@@ -74,11 +70,12 @@ class EnsembleMembers(Sequence[System]):
             if counts(member) != wanted:
                 rule = "have the unknowns and contacts of the system"
                 raise InputError("members", repr(member), rule, "integrate such systems one by one")
-        if len(sequence("members.values", self.values, "be one value per member")) != len(self.systems):
-            raise InputError("members.values", len(self.values), f"be one per member, {len(self)}", "give as many")
+        for name, values in instance("members.parameters", self.parameters, Mapping, "leave them out").items():
+            if numbers(name, values).shape != (len(self),):
+                raise InputError(name, values, f"be one value per member, {len(self)}", "give as many")
 
     def __repr__(self) -> str:
-        return f"<EnsembleMembers: {len(self)} of {self.system!r}, {self.parameter}>"
+        return f"<EnsembleMembers: {len(self)} of {self.system!r}, {', '.join(self.parameters) or 'no parameter'}>"
 
     def __len__(self) -> int:
         return len(self.systems)
@@ -92,12 +89,11 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
     """``members`` checked against ``system``: at least one."""
     require_system(system)
     if not isinstance(members, EnsembleMembers):
-        systems = sequence("members", members, *LISTED)
-        members = EnsembleMembers(system, SYSTEMS, np.arange(len(systems)), systems)
+        members = EnsembleMembers(system, sequence("members", members, *LISTED))
     # By fingerprint: a copy from another process is equal without being the same object.
     elif members.system.fingerprint != system.fingerprint:
         remedy = "make the members anew from this system, or integrate members.system"
-        raise InputError("members", members.parameter, "be made from the system that is integrated", remedy)
+        raise InputError("members", members, "be made from the system that is integrated", remedy)
     if not len(members):
         raise InputError("members", 0, "be at least one", "give one value or more")
     return members
@@ -106,19 +102,17 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
 def march_apart(members: EnsembleMembers) -> bool:
     """Return True if each member is set up by itself: a member has other matrices, contact rows or vectors of loads
     than the system, or functions of time that differ in more than harmonics and constants."""
-    arrays, functions = _setup(members.system)
+
+    def setup(system: System) -> tuple[list[Array], tuple[LoadFunction, ...]]:
+        drive, rows = system.drive, [row for row, _ in (*system.channels, *system.loads)]
+        shares = drive.amplitudes(system.time_functions)[drive.size :]
+        return [system.mass, system.damping, system.stiffness, *rows, shares], drive.others
+
+    arrays, functions = setup(members.system)
     return any(
         others != functions or len(mine) != len(arrays) or not all(map(same, mine, arrays))
-        for mine, others in map(_setup, members)
+        for mine, others in map(setup, members)
     )
-
-
-def _setup(system: System) -> tuple[list[Array], tuple[LoadFunction, ...]]:
-    """The matrices, the rows and vectors, and the shares of the functions of time that are neither Harmonic nor
-    Constant; and these functions."""
-    drive, rows = system.drive, [row for row, _ in (*system.channels, *system.loads)]
-    shares = drive.amplitudes(system.time_functions)[drive.size :]
-    return [system.mass, system.damping, system.stiffness, *rows, shares], drive.others
 
 
 def perturbed_members(
@@ -176,7 +170,7 @@ def perturbed_members(
     q0 = (off_rigid_stops(system, system.q0 + speed * basis.to_nodal(x)) for x in eta)
     v0 = (system.v0 + speed * basis.to_nodal(x) for x in noise[:, 1])
     systems = [replace(system, q0=q, v0=v) for q, v in zip(q0, v0, strict=True)]
-    return EnsembleMembers(system, STARTS, np.arange(members), systems)
+    return EnsembleMembers(system, systems)
 
 
 def off_rigid_stops(system: System, q: Array) -> Array:
@@ -224,9 +218,7 @@ def varied_members(system: System, parameters: Mapping[str, ArrayLike]) -> Ensem
     # Every member is made here.
     afford("parameters", f"{size} values", "take fewer", floats=20.0 * size * (system.size + 20))
     rows = zip(*(along.tolist() for along in grid.values()), strict=True)
-    members = [with_values(system, dict(zip(grid, row, strict=True))) for row in rows]
-    several = np.transpose([*grid.values()])
-    return EnsembleMembers(system, ", ".join(grid), several if len(grid) > 1 else several[:, 0], members)
+    return EnsembleMembers(system, [with_values(system, dict(zip(grid, row, strict=True))) for row in rows], grid)
 
 
 def with_values(system: System, values: Mapping[str, float]) -> System:

@@ -51,9 +51,9 @@ class SystemData(SimpleNamespace):
         pieces = zip(vars(self).items(), np.split(numbers, ends), strict=False)
         return SystemData(**{name: piece.reshape(old.shape) for (name, old), piece in pieces})
 
-    def zeros(self) -> SystemData:
-        """Derivative of data that do not depend on a parameter."""
-        return self.of_vector(np.zeros(len(self.vector())))
+    def along(self, name: str, direction: Array) -> SystemData:
+        """Derivative of the data as one array changes along a direction."""
+        return SystemData(**{x: direction if x == name else np.zeros_like(y) for x, y in vars(self).items()})
 
 
 def offset_terms(system: System) -> list[tuple[int, float, LoadFunction]]:
@@ -107,34 +107,28 @@ def slopes(system: System, wrt: Sequence[Any]) -> tuple[list[str], list[SystemDa
     entries, named q0[i] and v0[i]; a pair ("stiffness", dK) is a direction in which a matrix changes. Raises InputError
     for a path that the system does not have, and for a parameter in which its data have no derivative.
     """
-    base = data_of(system)
+    base, n = data_of(system), system.size
     found: list[tuple[str, SystemData, float]] = []
     for path in wrt:
+        start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", VECTORS.get(path, path)) if isinstance(path, str) else None
         if not isinstance(path, str):
-            found.append((f"{path[0]} along a direction", _along(system, base, *path), 0.0))
-            continue
-        start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", VECTORS.get(path, path))
-        if not start or (start[2] and int(start[2]) >= system.size):
+            found.append((f"{path[0]} along a direction", base.along(path[0], _direction(n, *path)), 0.0))
+        elif start and int(start[2] or 0) < n:
+            entries = range(n) if start[2] is None else [int(start[2])]
+            found += [(f"{start[1]}[{i}]", base.along(start[1], np.eye(n)[i]), 0.0) for i in entries]
+        else:
             found.append((path, *_slope(system, base, path)))
-            continue
-        # Initial data: the derivative is a unit vector, exact.
-        for i in range(system.size) if start[2] is None else [int(start[2])]:
-            unit = base.zeros()
-            getattr(unit, start[1])[i] = 1.0
-            found.append((f"{start[1]}[{i}]", unit, 0.0))
     return [x for x, _, _ in found], [x for _, x, _ in found], np.array([x for _, _, x in found])
 
 
-def _along(system: System, base: SystemData, name: str, direction: Any) -> SystemData:
-    """Derivative of the data ``base`` as a matrix of the system changes along a direction (n, n)."""
+def _direction(n: int, name: str, direction: Any) -> Array:
+    """The direction (n, n) in which a matrix of the system changes."""
     one_of("wrt", name, ("mass", "damping", "stiffness"))
     matrix = numbers("wrt", direction)
-    if matrix.shape != base.mass.shape or not (name == "damping" or np.array_equal(matrix, matrix.T)):
-        rule = f"be along a matrix {system.size} x {system.size}, symmetric but for damping"
+    if matrix.shape != (n, n) or not (name == "damping" or np.array_equal(matrix, matrix.T)):
+        rule = f"be along a matrix {n} x {n}, symmetric but for damping"
         raise InputError("wrt", f"{name} along shape {matrix.shape}", rule, 'for example ("stiffness", K1 - K0)')
-    column = base.zeros()
-    getattr(column, name)[:] = matrix
-    return column
+    return matrix
 
 
 def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, float]:

@@ -18,7 +18,6 @@ from ..basics.arrays import Array
 from ..basics.storage import content_hash, write_netcdf, write_whole
 from ..basics.text import Units, plain, unit_of
 from ..basics.validation import InputError, file_path, numbers
-from ..model.members import STARTS, SYSTEMS
 
 if TYPE_CHECKING:
     import pandas
@@ -108,10 +107,7 @@ def values_of(result: Any, x: Any = None) -> Values:
             each = [np.repeat(np.arange(len(result)), contact.impact_count) for contact in contacts]
             values["impact_member"] = (("impact",), np.concatenate(each))
         # A varied number is a coordinate by its path.
-        if result.values is not None and result.members.parameter not in (STARTS, SYSTEMS):
-            columns, paths = np.atleast_2d(result.values.T), [result.members.parameter]
-            for path, x in zip(paths if len(columns) == 1 else paths[0].split(", "), columns, strict=True):
-                values[parameter_name(path)] = (member, x)
+        values |= {parameter_name(path): (member, np.asarray(x)) for path, x in result.members.parameters.items()}
     return values
 
 
@@ -180,7 +176,6 @@ def dataset_of(result: Any, x: Any = None) -> xarray.Dataset:
         "impact_kind": ",".join(c.impacts.kind for c in result.contacts) or "none",
     }
     attributes |= {"horizon": result.horizon} if result.kind == "reference" else {}
-    attributes |= {"parameter": result.members.parameter} if result.kind == "ensemble" else {}
     coordinates = [name for name in data if name not in VARIABLES]
     dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
     dataset.attrs["hash"] = content_hash(dataset)
@@ -207,13 +202,11 @@ class Saved:
         """Return a row for each output time of a run, or each member of an ensemble, the index.
 
         Of a run: tip, tip_velocity, ``contact_force_0`` and so on of every contact, and the energies if the run has an
-        energy balance. Of an ensemble: the varied parameter by its name where it is a number, ``diverged``, and
+        energy balance. Of an ensemble: each varied parameter by its path, ``diverged``, and
         ``impact_count_0``, ``contact_fraction_0``, ... of every contact. Units and provenance in ``attrs``.
         """
-        notes = {"provenance": self.provenance}
-        if self.kind != "ensemble":
-            return frame_of(values_of(self), "time", self.units, **notes)
-        return frame_of(values_of(self), "member", self.units, parameter=self.members.parameter, **notes)
+        index = "member" if self.kind == "ensemble" else "time"
+        return frame_of(values_of(self), index, self.units, provenance=self.provenance)
 
     def to_xarray(self, x: ArrayLike | None = None) -> xarray.Dataset:
         """All variables as an xarray.Dataset with units, provenance as attributes; of a run, with positions x along the
