@@ -96,7 +96,7 @@ NO_BEAM = [
 ]  # fmt: skip
 NO_STOPS = [
     *((lambda x=x: sb.Stops(*x[:2], stiffness=x[2]), words) for *x, words in (
-        (-0.1, 0.1, 0.0, "^stops.stiffness must be > 0"), (-0.1, 0.1, -math.inf, "^stops.stiffness must be finite"),
+        (-0.1, 0.1, 0.0, "^stops.stiffness must lie in"), (-0.1, 0.1, -math.inf, "^stops.stiffness must be finite"),
         (math.nan, 0.1, 1.0, "^stops.lower must be finite"), (-0.1, math.inf, 1.0, "^stops.upper must be finite"),
         (-0.1, "near", 1.0, "^stops.upper must be a number in the range of float64"),
         (None, None, 1.0, "^stops must have a lower or an upper stop"),

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..basics.validation import Frozen, InputError, instance, number, positive, vector
+from ..basics.validation import Frozen, InputError, instance, number, vector
 from ..kernels.march import LAW, contact_forces
 from .time_functions import TimeFunction, evaluate, time_function
-
-STIFFEST = 1e200  # of a compliant stop: times a compliance it has to be a number
 
 # Parameters beside the stiffness, in the order of ``Law``, each with its value in the linear law.
 LINEAR = {"exponent": 1.0, "damping": 0.0, "dissipation": 0.0}
@@ -139,9 +137,9 @@ class Stops(Frozen):
     def __post_init__(self) -> None:
         # Every number by itself, then what the numbers must be to each other.
         if not self.rigid:
-            vars(self)["stiffness"] = positive("stops.stiffness", self.stiffness, exact=True)
-            if self.stiffness > STIFFEST:
-                raise InputError("stops.stiffness", self.stiffness, f"be <= {STIFFEST:g}", "inf is a rigid stop")
+            remedy = "inf is a rigid stop"  # times a compliance that of a compliant one has to be a number
+            value = number("stops.stiffness", self.stiffness, exact=True, least=1e-200, most=1e200, remedy=remedy)
+            vars(self)["stiffness"] = value
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
                 vars(self)[side] = number(f"stops.{side}", getattr(self, side), exact=True)
@@ -152,10 +150,10 @@ class Stops(Frozen):
             if self.rigid and getattr(self, name) != plain:
                 raise InputError(f"stops.{name}", getattr(self, name), "be left out for rigid stops", "use restitution")
         if self.restitution is not None:
-            if not self.rigid:
-                remedy = "for compliant ones use damping or dissipation"
-                raise InputError("stops.restitution", self.restitution, "be left out unless stiffness=inf", remedy)
             vars(self)["restitution"] = number("stops.restitution", self.restitution, least=0.0, most=1.0)
+            if not self.rigid:
+                rule, remedy = "be left out unless stiffness=inf", "for compliant ones use damping or dissipation"
+                raise InputError("stops.restitution", self.restitution, rule, remedy)
         # The gap between the sides.
         if self.lower is None and self.upper is None:
             raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")

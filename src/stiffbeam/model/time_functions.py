@@ -27,7 +27,6 @@ from ..basics.validation import (
     number,
     numbers,
     one_of,
-    positive,
     sequence,
 )
 
@@ -126,11 +125,8 @@ class Harmonic(Derivable):
 
     def __post_init__(self) -> None:
         vars(self)["amplitude"] = number("amplitude", self.amplitude, exact=True)
-        vars(self)["frequency"] = positive("frequency", self.frequency, exact=True)
-        # The acceleration of a base is a load: it has to fit in float64.
-        if not self.frequency <= 1e150 or abs(self.amplitude) * max(1.0, self.frequency) ** 2 > 1e300:
-            pair, rule = (self.amplitude, self.frequency), "have an acceleration, amplitude frequency^2, in float64"
-            raise InputError("amplitude and frequency", pair, rule, "use other units")
+        # Its square is a number.
+        vars(self)["frequency"] = number("frequency", self.frequency, exact=True, least=1e-150, most=1e150)
         vars(self)["phase"] = number("phase", self.phase, exact=True)
 
     def _at(self, t: ArrayLike, order: int) -> Array:
