@@ -151,7 +151,7 @@ FUNCTIONS = [
              "contact": "implicit", "every": 10, "since": 0.05}, 8),
     *(Surface(f"reference {method}", functools.partial(sb.reference, method=method),
               {"system": mass(), "t_end": 0.5, "t_eval": [0.0, 0.1, 0.5], "rtol": 1e-7, "atol": 1e-9, "digits": "auto",
-               "breakpoints": (0.2,), "max_step": 0.1}, 1 if "kvaerno" in method else 3)
+               "breakpoints": (0.2,)}, 1 if "kvaerno" in method else 3)
       for method in REFERENCES),
     *(Surface(f"reference {method}, few arguments", functools.partial(sb.reference, method=method),
               {"system": beam(), "t_end": 0.02}, 1 if "kvaerno" in method else 2) for method in REFERENCES),

@@ -63,15 +63,13 @@ def test_intervals_end_at_breakpoints():
     assert [p.end for p in intervals[:2]] == pytest.approx(times, abs=1e-15)
 
 
-def test_max_step_is_held_and_what_makes_no_sense_is_refused():
-    system = struck(pulse(2e-3)[0])
-    few, many = (solve(system, 0.1, "cvode-adams", None, 1e-4, max_step=h) for h in (None, 1e-4))
-    assert many.work.counters["rhs"] >= 1000 > few.work.counters["rhs"]
-    for options in ({"max_step": -1.0}, {"breakpoints": [np.inf]}):
-        with pytest.raises(sb.InputError, match=next(iter(options))):
-            sb.reference(system, 0.1, "cvode-adams", **options)
-    with pytest.raises(sb.InputError, match="max_step"):
-        sb.reference(bouncing_chain(), 0.1, "exact", max_step=0.1)
+def test_breakpoints_that_make_no_sense_are_refused():
+    for system, method, times in (
+        (struck(pulse(2e-3)[0]), "cvode-adams", [np.inf]),
+        (bouncing_chain(), "exact", [0.05]),
+    ):
+        with pytest.raises(sb.InputError, match="breakpoints"):
+            sb.reference(system, 0.1, method, breakpoints=times)
 
 
 @pytest.mark.parametrize(("method", "rtol"), [("dop853", 1e-5), ("cvode-adams", 1e-5), ("cvode", 1e-6), ("ida", 1e-6)])

@@ -3,8 +3,6 @@ that couples the modes in what needs a frequency."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.linalg
@@ -16,7 +14,8 @@ import stiffbeam as sb
 from stiffbeam.files.cases import case_of, default_schemes
 from stiffbeam.measures.amplification import free_mode_errors
 from stiffbeam.measures.frequencies import smooth_motion, steady_state
-from stiffbeam.references import best_reference, registry, substitute
+from stiffbeam.references import best_reference, substitute
+from stiffbeam.references.adaptive import sundials
 from stiffbeam.studies.base import chosen
 
 
@@ -50,8 +49,8 @@ def test_what_no_method_takes_is_refused_with_the_reason_of_the_exact_solution()
 
 
 def test_without_sundials_the_next_method_answers(monkeypatch):
-    missing = replace(registry.REFERENCES["cvode-adams"], module="adaptive.none", libraries={"stiffbeam": "sundials"})
-    monkeypatch.setitem(registry.REFERENCES, "cvode-adams", missing)
+    monkeypatch.setattr(sundials, "VERSION", 0)
+    sundials.library_of.cache_clear()
     assert best_reference(hertz(), 0.3).provenance["method"] == "dop853"
 
 

@@ -11,8 +11,8 @@ from systems import one_mass
 
 import stiffbeam as sb
 from stiffbeam.references.ensemble import reference_ensemble
-from stiffbeam.references.exact.contacts import audit
 from stiffbeam.references.exact.motion import Solver
+from stiffbeam.references.exact.solution import audit
 
 
 def over_a_stop(load: float, v: float = 0.0) -> sb.System:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import sys
 
 import h5py
 import numpy as np
@@ -48,24 +47,6 @@ def test_digits_that_cannot_be_reached_leave_no_file(table10, monkeypatch, comma
     code, _, error = command("reference", "table10", "--method", "multiprecision", "--t-end", "2", "--out", "r.nc")
     assert (code, "digits are not enough" in error) == (1, True)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("method", "module", "package"),
-    [
-        ("cvode", "sksundae", "scikit-sundae"),
-        ("ida", "sksundae", "scikit-sundae"),
-        ("kvaerno3", "diffrax", "diffrax"),
-        ("kvaerno5", "jax", "jax"),
-        ("multiprecision", "flint", "python-flint"),
-    ],
-)
-def test_a_missing_library_is_named_with_its_package(method, module, package, system, monkeypatch):
-    for name in [n for n in sys.modules if n.startswith(("stiffbeam.references.multiprecision", f"{module}."))]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(sb.InputError, match=f"library {module} installed.*pip install {package}"):
-        solve(system, 0.01, method, None, 1e-6, None)
 
 
 @pytest.fixture(scope="module")

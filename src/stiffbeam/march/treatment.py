@@ -9,8 +9,8 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..kernels.march import BY_LAW, LINEAR, MEAN
+from ..model.contact import on_rigid_stops
 from ..model.system import System
-from ..model.time_functions import evaluate
 from ..schemes import RIGID as RIGID_SCHEMES
 from ..schemes import RigidScheme, Scheme
 
@@ -87,11 +87,7 @@ def _require_rigid(system: System, scheme: RigidScheme) -> None:
         if not scheme.restitutes and e is not None:
             rule = f"be left out for {scheme}, which has no impact law"
             raise InputError("stops.restitution", e, rule, "use MoreauJean, or leave it out")
-        moved = float(evaluate(each.offset, 0.0))
-        u = float(each.row @ system.q0) + moved
-        whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))  # rounds a state of a motion
-        if abs(each.stops.penetration(u)) > 1e-14 * max(whole, abs(moved)):
-            raise InputError("initial displacement", u, "lie between rigid stops", "move the stop or the start")
+    on_rigid_stops(system.contacts, system.q0)
 
 
 def require_giving_way(scheme: Scheme, S: Array, S_rate: Array) -> None:

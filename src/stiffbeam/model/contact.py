@@ -328,3 +328,27 @@ def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     on = 1.0 * ((u0 == stops.g2) & (v0 >= 0.0)) - 1.0 * ((u0 == stops.g1) & (v0 <= 0.0))
     # Beyond a stop by the force, which a damped one may have let go before the gap opens.
     return np.where((u0 == stops.g1) | (u0 == stops.g2), on, -np.sign(contact_forces(u0, v0, law)))
+
+
+ON_STOP = 1e-12  # relative distance between a rigid stop and a start that counts as on it
+
+
+def on_rigid_stops(contacts: Sequence[Contact], q: Array) -> dict[int, int]:
+    """{contact: side, +-1} of the contacts that are on rigid stops at t = 0 in q (n,). Raises InputError for one beyond
+    its stop."""
+    closed = {}
+    for i, contact in enumerate(contacts):
+        if not contact.stops.rigid:
+            continue
+        moved = float(evaluate(contact.offset, 0.0))
+        u = float(contact.row @ q) + moved
+        # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
+        whole = float(np.sum(np.abs(contact.row))) * float(np.max(np.abs(q)))
+        for side, g in contact.stops.sides.items():
+            # Within rounding of its stop a contact is on it, neither off nor beyond.
+            if side * (u - g) >= -ON_STOP * max(abs(g), abs(moved)):
+                if side * (u - g) > ON_STOP * max(abs(g), abs(moved), whole):
+                    remedy = "move the stop or the start"
+                    raise InputError("initial displacement", u, "lie between rigid stops", remedy)
+                closed[i] = side
+    return closed

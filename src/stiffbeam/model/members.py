@@ -16,13 +16,13 @@ from ..basics.arrays import Array, same
 from ..basics.resources import afford
 from ..basics.text import path_of, walk
 from ..basics.validation import InputError, Rng, generator, instance, integer, near, number, numbers, positive, sequence
-from .contact import Stops
+from .contact import Stops, on_rigid_stops
 from .modes import undamped_modes
 from .problem import BeamProblem
 from .scales import scales
 from .semidiscretisation import semidiscretise
 from .system import Origin, System, require_system
-from .time_functions import Harmonic, LoadFunction, Sampled, Superposition, TimeFunction, evaluate
+from .time_functions import Harmonic, LoadFunction, Sampled, Superposition, TimeFunction
 
 LISTED = "be EnsembleMembers or a list of systems", "make them with perturbed_members or varied_members"
 # How far the starts of an ensemble's members are apart, relative to the motion. Its means stand for all motions of that
@@ -175,10 +175,10 @@ def perturbed_members(
 
 def off_rigid_stops(system: System, q: Array) -> Array:
     """q (n,), or the start of the system where q is beyond a rigid stop."""
-    for contact in system.contacts:
-        shift = float(evaluate(contact.offset, 0.0))
-        if contact.stops.rigid and contact.stops.penetration(contact.row @ q + shift) != 0.0:
-            return system.q0
+    try:
+        on_rigid_stops(system.contacts, q)
+    except InputError:
+        return system.q0
     return q
 
 

@@ -28,7 +28,6 @@ __all__ = ["REFERENCES", "best_reference", "reference", "solve", "substitute", "
 # The first solution takes one part of so many of a budget. An adaptive one, which ends where its part does, leaves the
 # other to a second opinion; one to be solved again to its end leaves more, and an exact one eight copies.
 PASSES = {ADAPTIVE: 2.0, MULTIPRECISION: 4.0, EXACT: 10.0}
-LEAST_STEP = 1e-7  # of t_end, that a caller may bound steps by
 BEST_RTOL = 1e-12  # of an adaptive solver where a system has no exact solution
 
 
@@ -41,7 +40,6 @@ def reference(
     atol: float | None = None,
     digits: int | str = "auto",
     breakpoints: ArrayLike = (),
-    max_step: float | None = None,
     progress: bool | Show | None = None,
     seconds: float | None = None,
 ) -> Reference:
@@ -68,8 +66,6 @@ def reference(
         Times where a load or an offset is not smooth, for adaptive solvers, besides the samples of records.
         Limitation: a function in Python is seen only at the steps, of which there are at least 200. Give breakpoints
         where a shorter feature begins and ends.
-    max_step : float, optional
-        The longest step of an adaptive solver, by default what the functions of time allow.
     progress : bool or callable
         None shows a bar after 3 s, True at once, False nothing. A function is called as show(what, done, total) with
         the share that is done of the reference itself and of the solutions its horizon is measured with.
@@ -85,7 +81,7 @@ def reference(
     Raises
     ------
     InputError
-        For an argument that is wrong or that the method cannot take, and where its library is missing.
+        For an argument that is wrong or that the method cannot take.
     SolverFailure
         If the method gives up.
 
@@ -99,7 +95,7 @@ def reference(
     from .horizon import with_horizon
 
     times = None if t_eval is None else numbers("t_eval", t_eval, "be increasing times", "give a list of them")
-    request = _checked(Request(system, t_end, method, times, rtol, atol, digits, breakpoints, max_step))
+    request = _checked(Request(system, t_end, method, times, rtol, atol, digits, breakpoints))
     if times is not None:
         times = output_times(times, request.t_end)
         # The horizon holds between outputs, too: it is measured at no fewer times than by default.
@@ -217,8 +213,7 @@ def takes(method: str, system: System, t_end: float) -> bool:
 def solve(*request: Any, **options: Any) -> Reference:
     """``reference`` without the horizon, except for multiprecision, which computes its own; arguments of ``Request``.
 
-    Raises InputError for what the method cannot take or a library that is missing, SolverFailure where it
-    gives up.
+    Raises InputError for what the method cannot take, SolverFailure where it gives up.
     """
     return _solution(_checked(Request(*request, **options)))
 
@@ -227,31 +222,20 @@ def _checked(request: Request) -> Request:
     """The request, t_end a float. Raises InputError for what its method cannot take."""
     from ..model.system import require_system
 
-    method, longest = request.method, request.max_step
+    method = request.method
     breaks = np.unique(numbers("breakpoints", request.breakpoints, "be finite times", "give a list of them"))
     require_system(request.system)
     adaptive, t_end = method_of(method).kind == ADAPTIVE, positive("t_end", request.t_end)
-    if longest is not None and positive("max_step", longest) < LEAST_STEP * t_end:
-        raise InputError("max_step", longest, f"be at least {LEAST_STEP:g} of t_end", "it would take for ever")
     if adaptive:
         if not 1e-150 <= t_end <= 1e150:
             raise InputError("t_end", t_end, "have a square in float64", "count time in another unit")
         for contact in request.system.contacts:
             contact.stops.require_compliant(f"the adaptive solver {method}", "use the method exact, or a large one")
-    elif longest is not None or len(breaks):
-        field, given = ("breakpoints", breaks) if longest is None else ("max_step", longest)
-        raise InputError(field, given, f"be left out for {method}", "it has no steps to bound")
+    elif len(breaks):
+        raise InputError("breakpoints", breaks, f"be left out for {method}", "its functions of time have their own")
     return request._replace(t_end=t_end, breakpoints=breaks)
 
 
 def _solution(request: Request) -> Reference:
     """The solution of a request, by the module of its method."""
-    entry = method_of(request.method)
-    try:
-        return import_module(f".{entry.module}", __name__).solve(request)
-    except ModuleNotFoundError as error:
-        missing = (error.name or "").partition(".")[0]
-        if missing not in entry.libraries:
-            raise
-        rule, remedy = f"have its library {missing} installed", f"pip install {entry.libraries[missing]}"
-        raise InputError("method", entry.name, rule, remedy) from None
+    return import_module(f".{method_of(request.method).module}", __name__).solve(request)

@@ -22,9 +22,8 @@ from ..model.scales import scales
 from ..model.system import System, require_system
 from ..trajectory.records import STILL, Impacts, at_rest_until, last_before
 from ..trajectory.trajectory import Reference, SolverFailure, Trajectory
-from .exact.contacts import DUST, audit, entries, largest_momentum, withheld, within_float64
 from .exact.motion import Motion, Solver
-from .exact.solution import refuse, solve_exact
+from .exact.solution import DUST, audit, entries, largest_momentum, refuse, solve_exact, withheld, within_float64
 from .exact.tangent import Tangent, Variation
 from .registry import Request
 

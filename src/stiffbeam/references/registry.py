@@ -5,8 +5,8 @@ Everything that lists solvers reads this: ``reference`` and its commands, the ca
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import dataclass
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,10 +27,10 @@ class Method:
     """A reference solver.
 
     name: the name for users. module: in this folder, with ``solve(request) -> Reference``.
-    label: its name in pictures. look: the number of its dashes and
-    marker there, unique and permanent.  kind: EXACT (closed form between events, in float64), MULTIPRECISION (the same
-    in many digits) or ADAPTIVE (error control: uses rtol, atol and Steps; its impacts are events). libraries: import
-    name and distribution of its dependencies. solver: the name of its class in a library that has several.
+    label: its name in pictures, and that of its class in a library of several. look: the number of its dashes and
+    marker there, unique and permanent. kind: EXACT (closed form between events, in float64), MULTIPRECISION (the same
+    in many digits) or ADAPTIVE (error control: uses rtol, atol and Steps; its impacts are events). packages: on which
+    its numbers depend.
     """
 
     name: str
@@ -38,36 +38,28 @@ class Method:
     label: str
     look: int
     kind: str = ADAPTIVE
-    libraries: dict[str, str] = field(default_factory=dict)
-    solver: str = ""
+    packages: tuple[str, ...] = ()
 
     def versions(self) -> dict[str, str]:
-        """The versions of its libraries by distribution, "missing" for one that is not installed."""
-        versions = {}
-        for package in self.libraries.values():
-            try:
-                versions[package] = version(package)
-            except PackageNotFoundError:
-                versions[package] = "missing"
-        return versions
+        """The versions of its packages."""
+        return {package: version(package) for package in self.packages}
 
 
-_SCIPY, _SUNDIALS, _FLINT = {"scipy": "scipy"}, {"sksundae": "scikit-sundae"}, {"flint": "python-flint"}
-_DIFFRAX = {"diffrax": "diffrax", "jax": "jax"}
+_SCIPY, _SUNDIALS, _DIFFRAX = ("scipy",), ("scikit-sundae",), ("diffrax", "jax")
 # Name, module, label and look of each. A new one has the next look: pictures keep theirs.
 REFERENCES = {
     method.name: method
     for method in (
         Method("exact", "exact.solution", "exact", 0, EXACT),
-        Method("multiprecision", "multiprecision", "multiprecision", 1, MULTIPRECISION, _FLINT),
-        Method("cvode", "adaptive.sundials", "CVODE BDF", 2, libraries=_SUNDIALS),
-        Method("cvode-adams", "adaptive.sundials", "CVODE Adams", 3, libraries=_SUNDIALS),
-        Method("ida", "adaptive.sundials", "IDA", 4, libraries=_SUNDIALS),
-        Method("kvaerno3", "adaptive.diffrax", "Kvaerno3", 5, libraries=_DIFFRAX, solver="Kvaerno3"),
-        Method("kvaerno5", "adaptive.diffrax", "Kvaerno5", 6, libraries=_DIFFRAX, solver="Kvaerno5"),
-        Method("dop853", "adaptive.scipy", "DOP853", 7, libraries=_SCIPY, solver="DOP853"),
-        Method("radau", "adaptive.scipy", "Radau", 8, libraries=_SCIPY, solver="Radau"),
-        Method("lsoda", "adaptive.scipy", "LSODA", 9, libraries=_SCIPY, solver="LSODA"),
+        Method("multiprecision", "multiprecision", "multiprecision", 1, MULTIPRECISION, ("python-flint",)),
+        Method("cvode", "adaptive.sundials", "CVODE BDF", 2, packages=_SUNDIALS),
+        Method("cvode-adams", "adaptive.sundials", "CVODE Adams", 3, packages=_SUNDIALS),
+        Method("ida", "adaptive.sundials", "IDA", 4, packages=_SUNDIALS),
+        Method("kvaerno3", "adaptive.diffrax", "Kvaerno3", 5, packages=_DIFFRAX),
+        Method("kvaerno5", "adaptive.diffrax", "Kvaerno5", 6, packages=_DIFFRAX),
+        Method("dop853", "adaptive.scipy", "DOP853", 7, packages=_SCIPY),
+        Method("radau", "adaptive.scipy", "Radau", 8, packages=_SCIPY),
+        Method("lsoda", "adaptive.scipy", "LSODA", 9, packages=_SCIPY),
     )
 }
 RTOL = 1e-10  # of an adaptive reference by default
@@ -91,8 +83,8 @@ class Request(NamedTuple):
     """The solution of ``system`` on [0, t_end] by ``method``, output at t_eval (k,), None for 2001 times.
 
     Those below are for the adaptive solvers, but for digits, a number or "auto", of multiprecision. atol: None for
-    rtol/100 of the scale of every unknown. breakpoints: times of a restart. max_step: longest step, None for what the
-    functions of time require. second: a second opinion, with shorter steps that lie at other times.
+    rtol/100 of the scale of every unknown. breakpoints: times of a restart. second: a second opinion,
+    with shorter steps that lie at other times.
     """
 
     system: System
@@ -103,7 +95,6 @@ class Request(NamedTuple):
     atol: float | None = None
     digits: int | str = "auto"
     breakpoints: ArrayLike = ()
-    max_step: float | None = None
     second: bool = False
 
 

@@ -48,7 +48,7 @@ def solve(request: Request) -> Reference:
 
     system, method = request.system, request.method
     system.drive.require_closed_form(method)
-    kind = getattr(diffrax, REFERENCES[method].solver)
+    kind = getattr(diffrax, REFERENCES[method].label)
     if jax.config.values["jax_compilation_cache_dir"] is None:
         jax.config.update("jax_compilation_cache_dir", str(storage.directory() / "jax"))
 

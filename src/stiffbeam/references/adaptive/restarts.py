@@ -9,7 +9,7 @@ is therefore cut where a function of time is known not to be smooth, and the ste
 and by a share of the span for Python functions.
 
 Limitation: a Python function is seen only at the steps. A feature shorter than a step can be missed, unless the caller
-gives ``breakpoints`` around it or a ``max_step``. The reference states the bound, and its horizon is measured against
+gives ``breakpoints`` around it. The reference states the bound, and its horizon is measured against
 a solution with shorter steps at other times.
 """
 
@@ -60,9 +60,8 @@ def smooth_intervals(request: Request) -> list[Interval]:
     drive = system.drive
     drive.require_samples(t_end)
     cubic = any(record.kind == "cubic" for record in drive.records)
-    longest = math.inf if request.max_step is None else request.max_step
-    # A harmonic load bounds the step too: error control sees a load at the steps only.
-    longest = min([longest, *(PERIODS_PER_STEP * 2.0 * math.pi / w for w in drive.frequencies)])
+    # A harmonic load bounds the step: error control sees a load at the steps only.
+    longest = min((PERIODS_PER_STEP * 2.0 * math.pi / w for w in drive.frequencies), default=math.inf)
     if drive.called:
         longest = min(longest, t_end / STEPS_OF_FUNCTIONS)
     if request.second:

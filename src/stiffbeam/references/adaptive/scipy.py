@@ -36,7 +36,7 @@ def solve(request: Request) -> Reference:
     import scipy.integrate
 
     method = request.method
-    name = REFERENCES[method].solver
+    name = REFERENCES[method].label
     library: Any = getattr(scipy.integrate, name)
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:

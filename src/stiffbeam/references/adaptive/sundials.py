@@ -58,7 +58,6 @@ def solve(request: Request) -> Reference:
 
     with the analytic iteration matrix c_j E - dg/dy, banded where M, C and K are.
     """
-    import_module("sksundae.cvode")  # a missing library is named before anything is computed
     method = request.method
 
     def solver(rhs: RightHandSide, rtol: float, atol: Array) -> Solver:

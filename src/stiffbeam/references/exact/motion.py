@@ -23,7 +23,7 @@ from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford, in_time
 from ...basics.validation import InputError
 from ...kernels.exact import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
-from ...model.contact import channel_motion
+from ...model.contact import channel_motion, on_rigid_stops
 from ...model.system import System
 from ...model.time_functions import evaluate
 from ...trajectory.trajectory import SolverFailure
@@ -69,34 +69,13 @@ def require_short(free: Free, length: float) -> None:
             raise SolverFailure("exact", 0.0, reason, "use the solver cvode")
 
 
-ON_STOP = 1e-12  # relative distance between a rigid stop and a start that counts as on it
-
-
-def on_stops(system: System) -> dict[int, int]:
-    """{contact: side, +-1} of the contacts on rigid stops at t = 0. Raises InputError for one beyond its stop."""
-    closed = {}
-    for contact, each in enumerate(system.contacts):
-        moved = float(evaluate(each.offset, 0.0))
-        u = float(each.row @ system.q0) + moved
-        # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
-        whole = float(np.sum(np.abs(each.row))) * float(np.max(np.abs(system.q0)))
-        for side, g in each.stops.sides.items():
-            # Within rounding of its stop a contact is on it, neither off nor beyond.
-            if side * (u - g) >= -ON_STOP * max(abs(g), abs(moved)):
-                if side * (u - g) > ON_STOP * max(abs(g), abs(moved), whole):
-                    remedy = "move the stop or the start"
-                    raise InputError("initial displacement", u, "lie between rigid stops", remedy)
-                closed[contact] = side
-    return closed
-
-
 class Solver:
     """Solver of one system; free: its free system, where it is known."""
 
     def __init__(self, system: System, free: Free | None = None) -> None:
         self.system, self.free, self.together = system, free or free_system(system), TOGETHER
         self.eta, self.rate = system.q0 @ self.free.into, system.v0 @ self.free.into
-        self.closed = on_stops(system) if system.rigid else {}
+        self.closed = on_rigid_stops(system.contacts, system.q0)
         if self.closed:  # what is on its stop but for rounding is on it
             stops = self._stops_at(self.free.stops, self.eta, np.zeros(len(system.contacts)))
             self.free = self.free.changed(stops=stops)

@@ -20,10 +20,9 @@ from ...basics.text import several
 from ...basics.validation import InputError, numbers, positive
 from ...model.system import System, require_system
 from ...trajectory.trajectory import Reference, SolverFailure
-from .contacts import within_float64
 from .derivative import chatter_ends, ends_of
 from .motion import Motion, Solver
-from .solution import refuse, solve_exact
+from .solution import refuse, solve_exact, within_float64
 from .tangent import GRAZE, Tangent, Variation
 
 LEAST = 0.01  # of the position that one turn in the period gives at the velocity of the motion: its least size
