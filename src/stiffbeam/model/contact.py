@@ -288,11 +288,6 @@ class Contact(Frozen):
     stops: Stops
     offset: TimeFunction | None = None
 
-    def __repr__(self) -> str:
-        moved = "" if self.offset is None else f", offset {self.offset!r}"
-        used = np.count_nonzero(self.row)
-        return f"<Contact on {used} of {len(self.row)} unknowns: {self.stops!r}{moved}>"
-
     def __post_init__(self) -> None:
         vars(self)["row"] = vector("contact.row", self.row)
         if not np.any(self.row):

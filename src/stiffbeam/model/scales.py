@@ -51,7 +51,7 @@ class Scales:
         return 2.0 * np.pi / least if least > 0.0 else np.inf
 
 
-@np.errstate(over="ignore")  # a speed of inf is refused by those who need one
+@np.errstate(over="ignore", divide="ignore")  # a speed of inf is refused by those who need one
 def scales(system: System, t_end: float = np.inf) -> Scales:
     """The scales of a run of ``system`` to t_end, inf where it is not known."""
     basis, drive = undamped_modes(system), system.drive
@@ -76,12 +76,6 @@ def scales(system: System, t_end: float = np.inf) -> Scales:
     return Scales(largest, np.maximum(rates, 2.0 * np.pi / t_end))
 
 
-def oscillates(system: System, t_end: float = np.inf) -> Array:
-    """The modes that their stiffness turns noticeably within the run, a mask (n,)."""
-    omega = undamped_modes(system).omega
-    return (omega > 0.0) & (omega * t_end >= UNNOTICED)
-
-
 def _speed(system: System, basis: Modes, t_end: float) -> float:
     """V of ``Scales``."""
     damping = np.abs(np.sum(basis.shapes * (system.damping @ basis.shapes), axis=0))
@@ -94,8 +88,7 @@ def _speed(system: System, basis: Modes, t_end: float) -> float:
             force = basis.force(vector)
             # The load acts one way until the fastest of these turns the mode, or the run ends.
             fastest = np.maximum(np.maximum(basis.omega, damping), frequency)
-            with np.errstate(divide="ignore"):
-                reach = np.minimum(np.minimum(amplitude / fastest, impulse), amplitude * t_end)
+            reach = np.minimum(amplitude / fastest, min(impulse, amplitude * t_end))
             gained = np.multiply(np.abs(force), reach, out=np.zeros_like(force), where=force != 0.0)
             if frequency == 0.0:  # a push that lasts, which a stop ends
                 levels = [factor * f.level for factor, f in parts(function) if isinstance(f, Constant)]

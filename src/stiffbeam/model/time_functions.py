@@ -271,10 +271,8 @@ class Sampled(Derivable):
         slack = BEYOND * float(self.t[-1] - self.t[0])
         for t in (start, end):
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
-                early = "let it begin at 0, in a case file by start = 0, or put samples before it"
-                remedy = early if t < self.t[0] else "end the run there, or append samples, 0 where nothing acts"
-                where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
-                rule = f"be evaluated within its samples, {where}"
+                rule = f"be evaluated within its samples, [{self.t[0]:.12g}, {self.t[-1]:.12g}]"
+                remedy = "give samples from 0, in a case file by start = 0, to the end of the run, 0 where nothing acts"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
     def _at(self, t: ArrayLike, order: int) -> Array:
@@ -366,9 +364,8 @@ def derivative(function: TimeFunction, order: int) -> LoadFunction:
 def time_function(field: str, function: Any, moves: bool = False) -> Any:
     """``function`` if it is one of time: a TimeFunction, or a callable. A base or a stop that ``moves`` by it takes its
     rate and acceleration too."""
-    if isinstance(function, type):
-        raise InputError(field, function.__name__, "be a function of time, not a class", "for example Constant(0.1)")
-    if not isinstance(function, TimeFunction) and (moves or not callable(function)):
+    timed = isinstance(function, TimeFunction) or (callable(function) and not moves)
+    if isinstance(function, type) or not timed:
         kinds = "be a Harmonic, a Constant or a function of time"
         rule = "have value(t), rate(t) and acceleration(t)" if callable(function) else kinds
         raise InputError(field, function, rule, "for example Harmonic(0.1, 2.0)")
