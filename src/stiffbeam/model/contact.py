@@ -227,12 +227,6 @@ class Stops(Frozen):
             rule = f"be {LINEAR[name]:g}, a linear law, for {for_what}"
             raise InputError(f"stops.{name}", getattr(self, name), rule, remedy)
 
-    @property
-    def data(self) -> dict[str, float]:
-        """Arguments of the law for ``Stops(**data)``, without those at their defaults."""
-        law = (x for x in fields(self) if x.name not in ("position", "motion"))
-        return {x.name: float(getattr(self, x.name)) for x in law if getattr(self, x.name) != x.default}
-
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v, with the ``velocity`` of v. InputError where F depends on one that is not given,
         and for a rigid stop."""

@@ -59,7 +59,7 @@ class EnsembleMembers(Sequence[System]):
     """
 
     system: System
-    systems: Sequence[System]
+    systems: Sequence[System] = field(repr=False)
     parameters: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -73,9 +73,6 @@ class EnsembleMembers(Sequence[System]):
         for name, values in instance("members.parameters", self.parameters, Mapping, "leave them out").items():
             if numbers(name, values).shape != (len(self),):
                 raise InputError(name, values, f"be one value per member, {len(self)}", "give as many")
-
-    def __repr__(self) -> str:
-        return f"<EnsembleMembers: {len(self)} of {self.system!r}, {', '.join(self.parameters) or 'no parameter'}>"
 
     def __len__(self) -> int:
         return len(self.systems)

@@ -172,7 +172,7 @@ def dataset_of(result: Any, x: Any = None) -> xarray.Dataset:
         "fingerprint": result.fingerprint,
         "provenance": json.dumps(plain(result.provenance)),
         "work": json.dumps(asdict(result.work)),
-        "stops": json.dumps([stops.data for stops in result.stops]),
+        "stops": json.dumps([asdict(stops) for stops in result.stops]),
         "impact_kind": ",".join(c.impacts.kind for c in result.contacts) or "none",
     }
     attributes |= {"horizon": result.horizon} if result.kind == "reference" else {}
