@@ -296,7 +296,7 @@ class March:
             with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
                 force = stops.force(position, velocity)
         # A force that jumps does not follow from the state: the node's counts where there is one.
-        if stops.coefficients.jumps:
+        if stops.law.jumps:
             at_nodes = kept["node_forces"][:, c]
             force = np.where(np.isnan(at_nodes), force, at_nodes)
         # The kernel wrote the rows of one contact in order of time.
@@ -310,7 +310,7 @@ class March:
         # The trapezoidal rule takes half of the force at the last step. A tally that begins later stays, as do means.
         if side and not since and not self.stepper.treatment.means:
             at_end = forces_at(kept["position"], kept["velocity"], kept["law"])[c]
-            impulse -= 0.5 * self.stepper.dt * (last if stops.coefficients.jumps else abs(float(at_end)))
+            impulse -= 0.5 * self.stepper.dt * (last if stops.law.jumps else abs(float(at_end)))
         fraction = touching / max(1.0, self.steps - since)  # of the steps that it counts
         return ContactRecord(stops, position, velocity, force, impacts, fraction, peak, impulse)
 

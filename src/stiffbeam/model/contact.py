@@ -198,17 +198,11 @@ class Stops(Frozen):
             raise InputError("stops.stiffness", self.stiffness, f"be finite for {for_what}", remedy)
 
     @cached_property
-    def coefficients(self) -> Law:
+    def law(self) -> Law:
         """(kappa, g1, g2, p, c, lambda) as the terms of the law take them."""
         return Law(
             float(self.stiffness), self.lower_bound, self.upper_bound, *(float(getattr(self, name)) for name in LINEAR)
         )
-
-    @property
-    def law(self) -> Array:
-        """``coefficients`` as the row of an array of laws. Raises InputError for a rigid stop."""
-        self.require_compliant("a law of force")
-        return np.array(self.coefficients)
 
     @cached_property
     def linear(self) -> bool:
@@ -230,17 +224,18 @@ class Stops(Frozen):
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v, with the ``velocity`` of v. InputError where F depends on one that is not given,
         and for a rigid stop."""
-        if velocity is None and self.coefficients.damps:
+        if velocity is None and self.law.damps:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
         motion = (np.asarray(x, float) for x in (v, 0.0 if velocity is None else velocity))
         u, rate = np.broadcast_arrays(*motion)
         # The kernel finds a position that is no number between the stops.
-        return np.where(np.isnan(u + rate), np.nan, contact_forces(u, rate, self.law))
+        self.require_compliant("a law of force")
+        return np.where(np.isnan(u + rate), np.nan, contact_forces(u, rate, np.array(self.law)))
 
     def energy(self, v: ArrayLike) -> Array:
         """U(v): -U' is the force at rest. A rigid stop holds none."""
-        return np.zeros(np.shape(v)) if self.rigid else stored(self.penetration(v), self.coefficients)
+        return np.zeros(np.shape(v)) if self.rigid else stored(self.penetration(v), self.law)
 
     def state(self, v: ArrayLike, velocity: ArrayLike | None = None) -> NDArray[np.int64]:
         """chi = +1 where the upper stop presses, -1 where the lower does, else 0.
@@ -249,7 +244,7 @@ class Stops(Frozen):
         """
         v = np.asarray(v, float)
         chi = (v > self.upper_bound).astype(np.int64) - (v < self.lower_bound).astype(np.int64)
-        return chi * (self.force(v, velocity) != 0.0) if self.coefficients.damps else chi
+        return chi * (self.force(v, velocity) != 0.0) if self.law.damps else chi
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,6 +302,8 @@ def channel_motion(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Arr
 
 def laws(contacts: Sequence[Contact]) -> Array:
     """The laws of all contacts, (m, 6), see Law."""
+    for contact in contacts:
+        contact.stops.require_compliant("a law of force")
     return np.array([contact.stops.law for contact in contacts]).reshape(-1, LAW)
 
 

@@ -86,7 +86,7 @@ class RightHandSide:
 
     def __init__(self, system: System, descriptor: bool = False) -> None:
         contacts, n, m = system.contacts, 2 * system.size, len(system.contacts)
-        self.system, self.states, self.damped = system, n, any(c.stops.coefficients.damps for c in contacts)
+        self.system, self.states, self.damped = system, n, any(c.stops.law.damps for c in contacts)
         self.size = n + 2 + m + self.damped
         self.z0 = np.pad(on_positions(system.q0) + on_velocities(system.v0), (0, self.size - n))
         stiffness, damping, divide = system.stiffness, system.damping, lambda x: x
@@ -171,7 +171,7 @@ class RightHandSide:
         contact, y = self.system.contacts[i], z[: self.states]
         u, v = channel_motion(contact.row, contact.offset, self._inside(t), y[::2], y[1::2])
         depth = side * (u - contact.stops.sides[side])
-        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), contact.stops.coefficients))
+        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), contact.stops.law))
 
     def stored(self, t: float, z: Array) -> Array:
         """Energy (contacts,) in the stops at t, with the functions of time of the window."""
@@ -188,7 +188,7 @@ class RightHandSide:
         z = z.copy()
         z[self.states] += np.sum(gained)
         if self.damped:
-            z[-1] += np.sum(gained[[c.stops.coefficients.damps for c in self.system.contacts]])
+            z[-1] += np.sum(gained[[c.stops.law.damps for c in self.system.contacts]])
         return z
 
     def _inside(self, t: float) -> float:

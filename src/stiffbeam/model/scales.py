@@ -65,7 +65,7 @@ def scales(system: System, t_end: float = np.inf) -> Scales:
     if np.any(drifts):
         others, least = list(drive.frequencies), np.full(len(rates), np.inf)
         for contact in system.contacts:
-            stops, law = contact.stops, contact.stops.coefficients
+            stops, law = contact.stops, contact.stops.law
             if not stops.rigid:  # by the spring with the same force where the stop holds the energy V^2/2
                 kappa = chord(depth_holding(0.5 * largest**2, law), law)
                 others.append(float(np.sqrt(kappa) * _lightness(basis, contact)))
@@ -114,8 +114,8 @@ def _fall(system: System, basis: Modes, force: Array, level: float) -> Array:
         for side, bound in stops.sides.items():
             towards = side * along * f > 0.0
             pressed = np.abs(f[towards] / along[towards])
-            depth = depth_under(pressed, stops.coefficients)
-            held = np.zeros_like(depth) if stops.rigid else stored(depth, stops.coefficients)
+            depth = depth_under(pressed, stops.law)
+            held = np.zeros_like(depth) if stops.rigid else stored(depth, stops.law)
             gap = max(side * (bound - float(u)), 0.0)
             square[towards] = np.minimum(square[towards], 2.0 * (pressed * (gap + depth) - held))
     return np.where(force == 0.0, 0.0, np.sqrt(square))

@@ -96,7 +96,7 @@ def _structure(system: System) -> list[object]:
     """All data of a system that are not numbers. With respect to these there is no derivative."""
     terms = leaves(*system.time_functions)
     kinds = [(type(f), f.t.tobytes(), f.degree) if isinstance(f, Sampled) else type(f) for f in terms]
-    laws = [(c.stops.coefficients.p, c.stops.coefficients.lam, c.stops.rigid) for c in system.contacts]
+    laws = [(c.stops.law.p, c.stops.law.lam, c.stops.rigid) for c in system.contacts]
     return [*kinds, *laws, *(list(c.stops.sides) for c in system.contacts), system.size]
 
 

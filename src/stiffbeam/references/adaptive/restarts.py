@@ -112,8 +112,8 @@ def scales_of(system: System, t_end: float) -> Scales:
         o, gives = evaluate(contact.offset, t), float(np.linalg.norm(contact.row @ soft)) ** 2
         moves.append(float(np.max(np.abs(o))))
         move = float(np.max(np.abs(o - o[0])))
-        if move and not contact.stops.coefficients.damps:  # one that damps may hold the contact as if it were rigid
-            gives += 1.0 / chord(move, contact.stops.coefficients)
+        if move and not contact.stops.law.damps:  # one that damps may hold the contact as if it were rigid
+            gives += 1.0 / chord(move, contact.stops.law)
         energy += 0.5 * move * move / gives
     if not np.isfinite(energy):
         rule = "have an energy that float64 can hold"
@@ -317,7 +317,7 @@ class Path:
         turn there from rising to falling without a zero of its rate."""
         for k in np.flatnonzero(self.closed).tolist():
             contact = self.rhs.system.contacts[self.rhs.sides[k][0]]
-            if (contact.offset is not None or contact.stops.coefficients.damps) and self.spans[k][-1].ends[0][0] < t:
+            if (contact.offset is not None or contact.stops.law.damps) and self.spans[k][-1].ends[0][0] < t:
                 self._note(k, t, z)
 
     def _gaps_and_rates(self, t: float, z: Array) -> Array:

@@ -310,7 +310,7 @@ def audit(solution: Motion, t_end: float) -> None:
         stops, chi, u = contact.stops, solution.sides[piece, i], solution.path(t, i)[0]
         stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
         law = stops.energy(u)
-        wrong += np.abs(np.where(chi != 0, 0.5 * stops.coefficients.kappa, 0.0) * (u - stop) ** 2 - law)
+        wrong += np.abs(np.where(chi != 0, 0.5 * stops.law.kappa, 0.0) * (u - stop) ** 2 - law)
         held += law
         given, begun = (float(channel_position(contact.row, contact.offset, 0.0, x)) for x in (system.q0, q[0]))
         if abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
