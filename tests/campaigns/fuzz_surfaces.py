@@ -136,7 +136,7 @@ CONSTRUCTORS = [
             {"t": np.linspace(0.0, 1.0, 11), "tip": np.zeros(11), "tip_velocity": np.zeros(11), "system": mass(),
              "name": "mine"}),
     Surface("Members", lambda **x: sb.integrate_ensemble(beam(), sb.HHT(), 1e-3, 0.01, EnsembleMembers(**x)),
-            {"system": beam(), "parameter": "start", "values": [1.0, 2.0], "systems": [beam(), beam()]}),
+            {"system": beam(), "systems": [beam(), beam()], "parameters": {"start": [1.0, 2.0]}}),
 ]  # fmt: skip
 
 FUNCTIONS = [

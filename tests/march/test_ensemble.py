@@ -231,7 +231,7 @@ def ensemble(s, members, *more, **given):
 
 CALLS = [
     (lambda s: sb.perturbed_members(s, 0), "members"), (lambda s: sb.varied_members(s, None), "parameters must be"),
-    (lambda s: sb.varied_members(s, {}), "name a parameter"),
+    (lambda s: sb.varied_members(s, {}), "one value or more"),
     (lambda s: sb.varied_members(s, {"frequency": [-1.0]}), "frequency"),
     (lambda s: ensemble(s, []), "members"),
     (lambda s: ensemble(s, [sb.semidiscretise(s.problem, 9)]), "members"),

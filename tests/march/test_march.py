@@ -38,14 +38,14 @@ def impacts_of(t, u, v, stops, forces, means, end_forces):
     forces: at the steps; means: over the steps, or None; end_forces: what nodes found at the ends, or None.
     """
     chi = stops.state(u, v).astype(int)
-    if end_forces is not None and stops.jumps:
+    if end_forces is not None and stops.law.jumps:
         chi[1:] = -np.sign(end_forces)
     if not chi[0]:  # a start on a stop that does not leave it is contact from t = 0
         chi[0] = int(u[0] == stops.upper_bound and v[0] >= 0.0) - int(u[0] == stops.lower_bound and v[0] <= 0.0)
     curve, rows, begun = CubicHermiteSpline(t, u, v), [], 0 if chi[0] else None
 
     def crossing(k, side):
-        inside = [s for s in curve.solve(stops.bound(side), extrapolate=False) if t[k - 1] < s <= t[k]]
+        inside = [s for s in curve.solve(stops.sides[side], extrapolate=False) if t[k - 1] < s <= t[k]]
         return min(inside, default=np.nan)
 
     for k in range(1, len(t) + 1):
@@ -72,7 +72,7 @@ def assert_records(run, t, tips, end_forces, treatment, rtol):
         stops, means = record.stops, end_forces[:, c] if treatment == "conserving" else None
         at_nodes = None if means is not None or end_forces is None else end_forces[:, c]
         forces = stops.force(u, v)
-        if at_nodes is not None and stops.jumps:
+        if at_nodes is not None and stops.law.jumps:
             forces[1:] = at_nodes
         rows, chi = impacts_of(t, u, v, stops, forces, means, at_nodes)
         listed, _ = record.impacts.listed()
@@ -82,7 +82,7 @@ def assert_records(run, t, tips, end_forces, treatment, rtol):
             rows, zip(listed.times, listed.ends, listed.peaks, listed.impulses, strict=True), strict=True
         ):
             time, end, _, peak, impulse, ended = row
-            if not stops.dissipative:
+            if not stops.law.damps:
                 assert found[0] == pytest.approx(time, abs=1e-6 * t[1] + 1e-12)
                 assert found[1] == pytest.approx(end, abs=1e-6 * t[1] + 1e-12, nan_ok=True)
             if ended:
@@ -358,7 +358,7 @@ def assert_balance(run):
         o = evaluate(c.offset, t)
         u, rate = q @ c.row + o, v @ c.row + evaluate(c.offset, t, 1)
         energy = energy + c.stops.energy(u)
-        if c.offset is not None and not c.stops.jumps:
+        if c.offset is not None and not c.stops.law.jumps:
             force = c.stops.force(u, rate)
             work = work - 0.5 * (force[1:] + force[:-1]) * np.diff(o)
     at = np.searchsorted(t, own.t - 0.5 * dt)
@@ -367,7 +367,7 @@ def assert_balance(run):
     rounding = EPS * 10 * system.size * run.work.steps * size
     assert np.max(np.abs(own.energy - energy[at])) <= rounding
     assert np.max(np.abs(own.viscous - total(dashpots))) <= rounding
-    if not any(c.stops.jumps and c.offset is not None for c in system.contacts):
+    if not any(c.stops.law.jumps and c.offset is not None for c in system.contacts):
         assert np.max(np.abs(own.input - total(work))) <= rounding
     assert np.max(np.abs(own.kinetic + own.elastic + own.stops - own.energy)) <= rounding
     balance = own.energy - own.energy[0] - own.input + own.viscous + own.stop_dissipation + own.loss

@@ -80,7 +80,8 @@ NO_BEAM = [
     (lambda: sb.PointLoad(0.0, sb.Constant(1.0)), r"^load\.position must be"),
     (lambda: beam(loads=(sb.PointLoad(2.25, sb.Constant(1.0)),)), r"lie on the beam, 0 < position <= 2, got 2\.25"),
     (lambda: sb.PointLoad(0.5, 3.0), r"^load\.time must be a Harmonic, a Constant or a function of time, got 3"),
-    (lambda: sb.DistributedLoad(1.0, sb.Constant(1.0)), r"^load\.shape must be a function of x, got 1\.0"),
+    (lambda: beam(loads=sb.DistributedLoad(1.0, sb.Constant(1.0))),
+     r"^load\.shape must be a function of x and .* got 1\.0"),
     (lambda: grid(supports="pinned-pinned"), "supports must be clamped-free in the displacement form"),
     (lambda: grid(form="velocity-curvature", tip_mass=1.0), "tip_mass must be 0 in the velocity"),
     (lambda: grid(modal_damping=0.1), "form hermite"),
@@ -95,7 +96,7 @@ NO_BEAM = [
 ]  # fmt: skip
 NO_STOPS = [
     *((lambda x=x: sb.Stops(*x[:2], stiffness=x[2]), words) for *x, words in (
-        (-0.1, 0.1, 0.0, "^stops.stiffness must be > 0"), (-0.1, 0.1, -math.inf, "^stops.stiffness must be finite"),
+        (-0.1, 0.1, 0.0, "^stops.stiffness must lie in"), (-0.1, 0.1, -math.inf, "^stops.stiffness must be finite"),
         (math.nan, 0.1, 1.0, "^stops.lower must be finite"), (-0.1, math.inf, 1.0, "^stops.upper must be finite"),
         (-0.1, "near", 1.0, "^stops.upper must be a number in the range of float64"),
         (None, None, 1.0, "^stops must have a lower or an upper stop"),
@@ -156,8 +157,8 @@ NO_FUNCTION = [
     (lambda: sb.Constant(Fraction(10) ** 400), "range of float64"),
 ]  # fmt: skip
 NO_MEMBER = [
-    (lambda: EnsembleMembers(one_mass(1.0, TIP), "mass", [1.0], []), "one per member"),
-    (lambda: EnsembleMembers(one_mass(1.0, TIP), "mass", [1.0], [one_mass(1.0)]), "unknowns and contacts"),
+    (lambda: EnsembleMembers(one_mass(1.0, TIP), [], {"mass": [1.0]}), "one value per member"),
+    (lambda: EnsembleMembers(one_mass(1.0, TIP), [one_mass(1.0)]), "unknowns and contacts"),
     *((lambda path=path: member(path), "did you mean|known: frequency") for path in (
         "", ".", "stops", "stops.stifness", "stops[2].damping", "q0[3]", "loads[0]", "base.frequency")),
 ]  # fmt: skip

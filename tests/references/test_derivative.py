@@ -207,6 +207,8 @@ def test_what_a_derivative_refuses(table10):
     with pytest.raises(sb.InputError, match="keep the terms of the loads"):
         reference.derivative(["viscosity"])  # at 0 the load of the moving clamp has one term less
     tip = replace(table10, stops=replace(table10.stops, position=1.0))
+    with pytest.raises(sb.InputError, match="exponents"):
+        reference.derivative(["stops.exponent"])  # beside 1 the law is another
     with pytest.raises(sb.InputError, match="keep the terms of the loads, the observed points"):
         sb.reference(sb.semidiscretise(tip, 4), 0.02).derivative(["stops[0].position"])
 

@@ -87,7 +87,7 @@ def test_the_energy_of_members_that_swing_freely():
     system = sb.System.from_matrices([[2.0]], [[8.0]], initial_displacement=[0.5], observe=[1.0])
     case = replace(case_of(system, 0.01, 2.0), uncertain={"stiffness.scale": (0.9, 1.1)})
     energy = doubted(case, "Trapezoidal()", 20)[1]("energy")
-    factors = drawn_members(system, case.uncertain, 20).values
+    factors = drawn_members(system, case.uncertain, 20).parameters["stiffness.scale"]
     assert energy["mean"].iloc[0] == pytest.approx(np.mean(factors))
     assert energy.value["data"] == pytest.approx(np.std(factors, ddof=1) / np.mean(factors), rel=1e-9)
     assert dominant(energy) == "data"
@@ -135,7 +135,9 @@ def test_the_source_that_is_large_by_construction_is_named(source):
     else:
         each = [
             sb.reference(sb.semidiscretise(replace(beam(24, dt, 0.2).problem, stiffness=x), 24), 0.6)
-            for x in drawn_members(beam(24, dt, 0.2).system(), {"stiffness": around(3.0, 0.2)}, 12).values
+            for x in drawn_members(beam(24, dt, 0.2).system(), {"stiffness": around(3.0, 0.2)}, 12).parameters[
+                "stiffness"
+            ]
         ]
         forces = [one.contacts[0].peak_force for one in each]
         assert shares.value["data"] == pytest.approx(np.std(forces, ddof=1) / np.mean(forces), rel=1e-6)

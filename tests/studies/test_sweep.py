@@ -113,7 +113,7 @@ BAD = {
     "of a scheme": ({"parameter": "alpha", "values": [0.3]}, "be a path to a number of the system"),
     "no values": ({"parameter": "amplitude"}, "be given for amplitude"),
     "none": ({"values": []}, "be given for frequency"),
-    "negative": ({"values": [9.0, -1.0]}, "frequency must be > 0"),
+    "negative": ({"values": [9.0, -1.0]}, "frequency must lie in"),
     "not a number": ({"values": [float("nan"), 9.0]}, "finite"),
     "clearance": ({"parameter": "clearance", "values": [0.0, 0.1]}, "clearance must be > 0"),
     "coarse": ({"values": [9.0], "dt": 0.5}, "half a period"),

@@ -167,7 +167,7 @@ def zoom_on_stop(axis: Axes, record: ContactRecord) -> None:
     if not record.impacts.count or record.stops.rigid:
         return
     side, (low, high) = int(record.impacts.stops[0]), axis.dataLim.intervaly
-    stop = record.stops.bound(side)
+    stop = record.stops.sides[side]
     depth = side * ((high if side > 0 else low) - stop)
     if depth > 0.0:
         axis.set_ylim(*sorted((stop - 4.0 * side * depth, stop + 2.0 * side * depth)))

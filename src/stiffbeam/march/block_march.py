@@ -13,8 +13,7 @@ from ..basics.resources import afford
 from ..kernels import march as kernel
 from ..kernels.march import EVENT, LINEAR, TALLY, contact_forces
 from ..kernels.march import states as single_steps
-from ..model.contact import all_laws, laws, side_at_start
-from ..model.contact import jumps as force_jumps
+from ..model.contact import Law, laws, side_at_start
 from ..model.system import System
 from ..model.time_functions import evaluate
 from ..schemes import Scheme
@@ -297,7 +296,7 @@ class March:
             with np.errstate(over="ignore", invalid="ignore"):  # of which ``overflow`` tells
                 force = stops.force(position, velocity)
         # A force that jumps does not follow from the state: the node's counts where there is one.
-        if stops.jumps:
+        if stops.law.jumps:
             at_nodes = kept["node_forces"][:, c]
             force = np.where(np.isnan(at_nodes), force, at_nodes)
         # The kernel wrote the rows of one contact in order of time.
@@ -311,7 +310,7 @@ class March:
         # The trapezoidal rule takes half of the force at the last step. A tally that begins later stays, as do means.
         if side and not since and not self.stepper.treatment.means:
             at_end = forces_at(kept["position"], kept["velocity"], kept["law"])[c]
-            impulse -= 0.5 * self.stepper.dt * (last if stops.jumps else abs(float(at_end)))
+            impulse -= 0.5 * self.stepper.dt * (last if stops.law.jumps else abs(float(at_end)))
         fraction = touching / max(1.0, self.steps - since)  # of the steps that it counts
         return ContactRecord(stops, position, velocity, force, impacts, fraction, peak, impulse)
 
@@ -331,7 +330,7 @@ def overflow(contacts: Sequence[ContactRecord], t_end: float) -> float:
 
 def jumping(law: Array) -> bool:
     """Return True where the force of a stop jumps; law (m, 6)."""
-    return bool(np.any(force_jumps(all_laws(law))))
+    return bool(np.any(Law(*law.T).jumps))
 
 
 def functions(system: System) -> list[object]:

@@ -264,7 +264,7 @@ def integrate_ensemble(
         members=members,
         t=np.arange(0, plan.steps + 1, every) * plan.dt if every is not None else np.zeros(0),
         work=Work(len(members) * plan.steps, seconds, seconds),
-        provenance=plan.provenance(every) | {"members": len(members), "parameter": members.parameter},
+        provenance=plan.provenance(every) | {"members": len(members), "varied": list(members.parameters)},
         ledger=partial(_ledger, plan, members, every or plan.steps, apart),
     )
 

@@ -56,7 +56,7 @@ class Treatment:
             have = ", ".join(f"{name}()" for name, kind in RIGID_SCHEMES.items() if kind().restitutes)
             raise InputError("stops.stiffness", np.inf, rule, f"use {have}, or a large finite stiffness")
         for stops in (contact.stops for contact in contacts if self.name != "implicit"):
-            if stops.dissipative:
+            if stops.law.damps:
                 name = "damping" if stops.damping else "dissipation"
                 why = "keeps the energy of the stops" if self.means else "predicts positions only"
                 rule = f"be 0 for the {self.name} contact, which {why}"

@@ -10,7 +10,7 @@ import numpy as np
 from ..basics.arrays import Array
 from ..basics.validation import InputError
 from ..model.modes import decoupled_modes, modes, undamped_modes
-from ..model.scales import oscillates
+from ..model.scales import UNNOTICED
 from ..model.system import System
 from ..model.time_functions import Sampled
 
@@ -19,7 +19,8 @@ def smooth_period(system: System, t_end: float = np.inf) -> float:
     """The longest period of the drives and of the modes that oscillate without contact in a run to t_end; 0 where the
     body flies freely away from its stops. Raises InputError where there are no stops either."""
     free = without_contact(system)
-    rates = [*undamped_modes(free).omega[oscillates(free, t_end)], *free.drive.frequencies]
+    omega = undamped_modes(free).omega
+    rates = [*omega[(omega > 0.0) & (omega * t_end >= UNNOTICED)], *free.drive.frequencies]
     if not rates and not system.contacts:
         remedy = "give it stiffness or a Harmonic load, or a longer run"
         raise InputError("system", "no oscillation", "have a frequency without its stops", remedy)

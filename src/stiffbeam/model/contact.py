@@ -12,22 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
-from ..basics.validation import Frozen, InputError, instance, number, positive, vector
+from ..basics.validation import Frozen, InputError, instance, number, vector
 from ..kernels.march import LAW, contact_forces
 from .time_functions import TimeFunction, evaluate, time_function
-
-STIFFEST = 1e200  # of a compliant stop: times a compliance it has to be a number
 
 # Parameters beside the stiffness, in the order of ``Law``, each with its value in the linear law.
 LINEAR = {"exponent": 1.0, "damping": 0.0, "dissipation": 0.0}
 
 
 class Law(NamedTuple):
-    """The parameters of the law in the form for kernels, with the stops g1 and g2. An array of laws has them in this
-    order.
-
-    Those after g2 stand in the order of ``LINEAR``.
-    """
+    """The parameters of the law in the form for kernels, with the stops g1 and g2, those after g2 in the order of
+    ``LINEAR``. ``Law(*laws.T)`` are those of an array of laws (.., 6)."""
 
     kappa: float
     g1: float  # the lower stop, -inf for none
@@ -36,22 +31,22 @@ class Law(NamedTuple):
     c: float
     lam: float
 
+    @property
+    def jumps(self) -> Any:
+        """Return True where F jumps when the gap closes with a velocity other than zero: a state on the stop does not
+        tell the force."""
+        return self.c > 0.0
 
-def all_laws(law: Array) -> Law:
-    """An array of laws (.., 6) as one Law of arrays (..)."""
-    return Law._make(np.moveaxis(law, -1, 0))
+    @property
+    def damps(self) -> Any:
+        """Return True where F depends on the velocity."""
+        return self.jumps | (self.lam > 0.0)
 
 
 # ---------------------------------------------------------------- the terms of the law, see Stops
 #
 # They are arithmetic alone, on numbers, NumPy arrays or JAX arrays. A new term is a field of ``Stops``, its place in
 # ``Law``, a change of these, and the same in kernels/law.h; a test holds both against each other.
-
-
-def power(d: Any, p: float) -> Any:
-    """d^p for d > 0, odd in d, so that it goes on smoothly where a root is sought beyond the stop."""
-    # The sign by arithmetic: this line runs on floats, NumPy arrays and JAX arrays.
-    return d if p == 1.0 else (2.0 * (d >= 0.0) - 1.0) * abs(d) ** p
 
 
 def chord(d: Any, law: Law) -> Any:
@@ -75,19 +70,11 @@ def depth_holding(energy: Any, law: Law) -> Any:
 
 
 def pressure(d: Any, rate: Any, law: Law) -> Any:
-    """f(d) (1 + lambda d') + c d' with f = kappa d^p, not yet cut off at zero."""
-    return law.kappa * power(d, law.p) * (1.0 + law.lam * rate) + law.c * rate
-
-
-def jumps(law: Law) -> Any:
-    """Return True where F jumps when the gap closes with a velocity other than zero: a state on the stop does not tell
-    the force."""
-    return law.c > 0.0
-
-
-def damps(law: Law) -> Any:
-    """Return True where F depends on the velocity."""
-    return jumps(law) | (law.lam > 0.0)
+    """f(d) (1 + lambda d') + c d' with f = kappa d^p, not yet cut off at zero; f is odd in d, so that it goes on
+    smoothly where a root is sought beyond the stop."""
+    # The sign by arithmetic: this line runs on floats, NumPy arrays and JAX arrays.
+    power = d if law.p == 1.0 else (2.0 * (d >= 0.0) - 1.0) * abs(d) ** law.p
+    return law.kappa * power * (1.0 + law.lam * rate) + law.c * rate
 
 
 @dataclass(frozen=True, repr=False)
@@ -150,9 +137,9 @@ class Stops(Frozen):
     def __post_init__(self) -> None:
         # Every number by itself, then what the numbers must be to each other.
         if not self.rigid:
-            vars(self)["stiffness"] = positive("stops.stiffness", self.stiffness, exact=True)
-            if self.stiffness > STIFFEST:
-                raise InputError("stops.stiffness", self.stiffness, f"be <= {STIFFEST:g}", "inf is a rigid stop")
+            remedy = "inf is a rigid stop"  # times a compliance that of a compliant one has to be a number
+            value = number("stops.stiffness", self.stiffness, exact=True, least=1e-200, most=1e200, remedy=remedy)
+            vars(self)["stiffness"] = value
         for side in ("lower", "upper"):
             if getattr(self, side) is not None:
                 vars(self)[side] = number(f"stops.{side}", getattr(self, side), exact=True)
@@ -163,10 +150,10 @@ class Stops(Frozen):
             if self.rigid and getattr(self, name) != plain:
                 raise InputError(f"stops.{name}", getattr(self, name), "be left out for rigid stops", "use restitution")
         if self.restitution is not None:
-            if not self.rigid:
-                remedy = "for compliant ones use damping or dissipation"
-                raise InputError("stops.restitution", self.restitution, "be left out unless stiffness=inf", remedy)
             vars(self)["restitution"] = number("stops.restitution", self.restitution, least=0.0, most=1.0)
+            if not self.rigid:
+                rule, remedy = "be left out unless stiffness=inf", "for compliant ones use damping or dissipation"
+                raise InputError("stops.restitution", self.restitution, rule, remedy)
         # The gap between the sides.
         if self.lower is None and self.upper is None:
             raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")
@@ -195,14 +182,10 @@ class Stops(Frozen):
         """The upper stop, +inf where that side is free."""
         return math.inf if self.upper is None else float(self.upper)
 
-    def bound(self, side: int) -> float:
-        """The stop on ``side``, +1 the upper one and -1 the lower, infinite where that side is free."""
-        return self.upper_bound if side > 0 else self.lower_bound
-
     @cached_property
-    def sides(self) -> list[tuple[int, float]]:
-        """(side, stop) of every side that has a stop, the upper one first."""
-        return [(side, self.bound(side)) for side in (1, -1) if math.isfinite(self.bound(side))]
+    def sides(self) -> dict[int, float]:
+        """The stop on each side that has one, the upper one, +1, before the lower, -1."""
+        return {side: g for side, g in ((1, self.upper_bound), (-1, self.lower_bound)) if math.isfinite(g)}
 
     @property
     def rigid(self) -> bool:
@@ -215,32 +198,16 @@ class Stops(Frozen):
             raise InputError("stops.stiffness", self.stiffness, f"be finite for {for_what}", remedy)
 
     @cached_property
-    def coefficients(self) -> Law:
+    def law(self) -> Law:
         """(kappa, g1, g2, p, c, lambda) as the terms of the law take them."""
         return Law(
             float(self.stiffness), self.lower_bound, self.upper_bound, *(float(getattr(self, name)) for name in LINEAR)
         )
 
-    @property
-    def law(self) -> Array:
-        """``coefficients`` as the row of an array of laws. Raises InputError for a rigid stop."""
-        self.require_compliant("a law of force")
-        return np.array(self.coefficients)
-
     @cached_property
     def linear(self) -> bool:
         """Return True where F = -kappa d, kappa finite."""
         return not self.rigid and all(getattr(self, name) == plain for name, plain in LINEAR.items())
-
-    @cached_property
-    def dissipative(self) -> bool:
-        """Return True where F depends on the velocity."""
-        return damps(self.coefficients)
-
-    @property
-    def jumps(self) -> bool:
-        """Return True where F jumps when the gap closes with a velocity other than zero."""
-        return jumps(self.coefficients)
 
     def penetration(self, v: ArrayLike) -> Array:
         """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
@@ -254,26 +221,21 @@ class Stops(Frozen):
             rule = f"be {LINEAR[name]:g}, a linear law, for {for_what}"
             raise InputError(f"stops.{name}", getattr(self, name), rule, remedy)
 
-    @property
-    def data(self) -> dict[str, float]:
-        """Arguments of the law for ``Stops(**data)``, without those at their defaults."""
-        law = (x for x in fields(self) if x.name not in ("position", "motion"))
-        return {x.name: float(getattr(self, x.name)) for x in law if getattr(self, x.name) != x.default}
-
     def force(self, v: ArrayLike, velocity: ArrayLike | None = None) -> Array:
         """F on the beam at position v, with the ``velocity`` of v. InputError where F depends on one that is not given,
         and for a rigid stop."""
-        if velocity is None and self.dissipative:
+        if velocity is None and self.law.damps:
             remedy = "pass the velocity of the contact point"
             raise InputError("velocity", None, "be given for stops whose force depends on it", remedy)
         motion = (np.asarray(x, float) for x in (v, 0.0 if velocity is None else velocity))
         u, rate = np.broadcast_arrays(*motion)
         # The kernel finds a position that is no number between the stops.
-        return np.where(np.isnan(u + rate), np.nan, contact_forces(u, rate, self.law))
+        self.require_compliant("a law of force")
+        return np.where(np.isnan(u + rate), np.nan, contact_forces(u, rate, np.array(self.law)))
 
     def energy(self, v: ArrayLike) -> Array:
         """U(v): -U' is the force at rest. A rigid stop holds none."""
-        return np.zeros(np.shape(v)) if self.rigid else stored(self.penetration(v), self.coefficients)
+        return np.zeros(np.shape(v)) if self.rigid else stored(self.penetration(v), self.law)
 
     def state(self, v: ArrayLike, velocity: ArrayLike | None = None) -> NDArray[np.int64]:
         """chi = +1 where the upper stop presses, -1 where the lower does, else 0.
@@ -282,7 +244,7 @@ class Stops(Frozen):
         """
         v = np.asarray(v, float)
         chi = (v > self.upper_bound).astype(np.int64) - (v < self.lower_bound).astype(np.int64)
-        return chi * (self.force(v, velocity) != 0.0) if self.dissipative else chi
+        return chi * (self.force(v, velocity) != 0.0) if self.law.damps else chi
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,11 +277,6 @@ class Contact(Frozen):
     stops: Stops
     offset: TimeFunction | None = None
 
-    def __repr__(self) -> str:
-        moved = "" if self.offset is None else f", offset {self.offset!r}"
-        used = np.count_nonzero(self.row)
-        return f"<Contact on {used} of {len(self.row)} unknowns: {self.stops!r}{moved}>"
-
     def __post_init__(self) -> None:
         vars(self)["row"] = vector("contact.row", self.row)
         if not np.any(self.row):
@@ -345,13 +302,15 @@ def channel_motion(row: Array, offset: TimeFunction | None, t: ArrayLike, q: Arr
 
 def laws(contacts: Sequence[Contact]) -> Array:
     """The laws of all contacts, (m, 6), see Law."""
+    for contact in contacts:
+        contact.stops.require_compliant("a law of force")
     return np.array([contact.stops.law for contact in contacts]).reshape(-1, LAW)
 
 
 def side_at_start(u0: Array, v0: Array, law: Array) -> Array:
     """The stop of a contact that exists at t = 0, +-1, or 0: a start exactly on a stop that does not leave it is
     contact, see ``Impacts``."""
-    stops = all_laws(law)
+    stops = Law(*law.T)
     on = 1.0 * ((u0 == stops.g2) & (v0 >= 0.0)) - 1.0 * ((u0 == stops.g1) & (v0 <= 0.0))
     # Beyond a stop by the force, which a damped one may have let go before the gap opens.
     return np.where((u0 == stops.g1) | (u0 == stops.g2), on, -np.sign(contact_forces(u0, v0, law)))
@@ -371,7 +330,7 @@ def on_rigid_stops(contacts: Sequence[Contact], q: Array) -> dict[int, int]:
         u = float(contact.row @ q) + moved
         # A start that is a state of a motion is beyond a stop that holds it by the rounding of the whole state.
         whole = float(np.sum(np.abs(contact.row))) * float(np.max(np.abs(q)))
-        for side, g in contact.stops.sides:
+        for side, g in contact.stops.sides.items():
             # Within rounding of its stop a contact is on it, neither off nor beyond.
             if side * (u - g) >= -ON_STOP * max(abs(g), abs(moved)):
                 if side * (u - g) > ON_STOP * max(abs(g), abs(moved), whole):

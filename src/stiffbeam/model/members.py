@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
-from decimal import Decimal
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import reduce
 from numbers import Real
 from typing import Any
@@ -31,7 +30,6 @@ LISTED = "be EnsembleMembers or a list of systems", "make them with perturbed_me
 # 1e-12 the counts of Table 10 that HHT, the trapezoidal rule and the exponential flow make at fine steps were 4 to 10 %
 # below the exact ones, of which +-3 % was said; with 1e-3 they agree.
 SPREAD = 1e-3
-STARTS, SYSTEMS = "initial data", "systems"  # what differs where a member has a number and no value
 SCALE = "scale"  # the last name of a path to a time function or an array: a factor on it
 
 
@@ -42,12 +40,10 @@ class EnsembleMembers(Sequence[System]):
     Parameters
     ----------
     system : System
-    parameter : str
-        Name of the parameter that differs.
-    values : array or sequence
-        One value of the parameter per member, or a row of those of several parameters.
     systems : sequence of System
         The members.
+    parameters : mapping of path to values
+        The parameters that were varied, with a value for each member.
 
     Raises
     ------
@@ -63,9 +59,8 @@ class EnsembleMembers(Sequence[System]):
     """
 
     system: System
-    parameter: str
-    values: Any
-    systems: Sequence[System]
+    systems: Sequence[System] = field(repr=False)
+    parameters: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         counts = lambda system: (system.size, len(system.contacts), len(system.channels))  # noqa: E731
@@ -75,11 +70,9 @@ class EnsembleMembers(Sequence[System]):
             if counts(member) != wanted:
                 rule = "have the unknowns and contacts of the system"
                 raise InputError("members", repr(member), rule, "integrate such systems one by one")
-        if len(sequence("members.values", self.values, "be one value per member")) != len(self.systems):
-            raise InputError("members.values", len(self.values), f"be one per member, {len(self)}", "give as many")
-
-    def __repr__(self) -> str:
-        return f"<EnsembleMembers: {len(self)} of {self.system!r}, {self.parameter}>"
+        for name, values in instance("members.parameters", self.parameters, Mapping, "leave them out").items():
+            if numbers(name, values).shape != (len(self),):
+                raise InputError(name, values, f"be one value per member, {len(self)}", "give as many")
 
     def __len__(self) -> int:
         return len(self.systems)
@@ -93,12 +86,11 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
     """``members`` checked against ``system``: at least one."""
     require_system(system)
     if not isinstance(members, EnsembleMembers):
-        systems = sequence("members", members, *LISTED)
-        members = EnsembleMembers(system, SYSTEMS, np.arange(len(systems)), systems)
+        members = EnsembleMembers(system, sequence("members", members, *LISTED))
     # By fingerprint: a copy from another process is equal without being the same object.
     elif members.system.fingerprint != system.fingerprint:
         remedy = "make the members anew from this system, or integrate members.system"
-        raise InputError("members", members.parameter, "be made from the system that is integrated", remedy)
+        raise InputError("members", members, "be made from the system that is integrated", remedy)
     if not len(members):
         raise InputError("members", 0, "be at least one", "give one value or more")
     return members
@@ -107,19 +99,17 @@ def as_members(system: System, members: EnsembleMembers | Sequence[System]) -> E
 def march_apart(members: EnsembleMembers) -> bool:
     """Return True if each member is set up by itself: a member has other matrices, contact rows or vectors of loads
     than the system, or functions of time that differ in more than harmonics and constants."""
-    arrays, functions = _setup(members.system)
+
+    def setup(system: System) -> tuple[list[Array], tuple[LoadFunction, ...]]:
+        drive, rows = system.drive, [row for row, _ in (*system.channels, *system.loads)]
+        shares = drive.amplitudes(system.time_functions)[drive.size :]
+        return [system.mass, system.damping, system.stiffness, *rows, shares], drive.others
+
+    arrays, functions = setup(members.system)
     return any(
         others != functions or len(mine) != len(arrays) or not all(map(same, mine, arrays))
-        for mine, others in map(_setup, members)
+        for mine, others in map(setup, members)
     )
-
-
-def _setup(system: System) -> tuple[list[Array], tuple[LoadFunction, ...]]:
-    """The matrices, the rows and vectors, and the shares of the functions of time that are neither Harmonic nor
-    Constant; and these functions."""
-    drive, rows = system.drive, [row for row, _ in (*system.channels, *system.loads)]
-    shares = drive.amplitudes(system.time_functions)[drive.size :]
-    return [system.mass, system.damping, system.stiffness, *rows, shares], drive.others
 
 
 def perturbed_members(
@@ -177,7 +167,7 @@ def perturbed_members(
     q0 = (off_rigid_stops(system, system.q0 + speed * basis.to_nodal(x)) for x in eta)
     v0 = (system.v0 + speed * basis.to_nodal(x) for x in noise[:, 1])
     systems = [replace(system, q0=q, v0=v) for q, v in zip(q0, v0, strict=True)]
-    return EnsembleMembers(system, STARTS, np.arange(members), systems)
+    return EnsembleMembers(system, systems)
 
 
 def off_rigid_stops(system: System, q: Array) -> Array:
@@ -217,23 +207,15 @@ def varied_members(system: System, parameters: Mapping[str, ArrayLike]) -> Ensem
     """
     require_system(system)
     remedy = 'for example {"frequency": [9.0, 10.0]}'
-    columns = dict(instance("parameters", parameters, Mapping, remedy))
-    if not columns:
-        raise InputError("parameters", columns, "name a parameter", remedy)
-    # Values of every path, as many for each.
-    grid = {name: np.atleast_1d(numbers(name, x)).ravel() for name, x in columns.items()}
-    name, values = next(iter(grid.items()))
-    for other, along in grid.items():
-        if not len(along):
-            raise InputError(other, columns[other], "name at least one member", "give one value or more")
-        if len(along) != len(values):
-            raise InputError(other, f"{len(along)} values", f"have as many as {name}, {len(values)}", "give as many")
-    size = len(values)
-    afford(name, f"{size} values", "take fewer", floats=20.0 * size * (system.size + 20))  # every member is made here
+    grid = {name: numbers(name, x).ravel() for name, x in instance("parameters", parameters, Mapping, remedy).items()}
+    counts = {name: len(along) for name, along in grid.items()}
+    size = max(counts.values(), default=0)
+    if size == 0 or min(counts.values()) != size:
+        raise InputError("parameters", counts, "have one value or more each, and as many for each", remedy)
+    # Every member is made here.
+    afford("parameters", f"{size} values", "take fewer", floats=20.0 * size * (system.size + 20))
     rows = zip(*(along.tolist() for along in grid.values()), strict=True)
-    members = [with_values(system, dict(zip(grid, row, strict=True))) for row in rows]
-    several = np.transpose([*grid.values()]) if len(grid) > 1 else values
-    return EnsembleMembers(system, ", ".join(grid), several, members)
+    return EnsembleMembers(system, [with_values(system, dict(zip(grid, row, strict=True))) for row in rows], grid)
 
 
 def with_values(system: System, values: Mapping[str, float]) -> System:
@@ -244,11 +226,9 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     "initial_velocity[2]").
     "contacts[i].stops" and "stops[i]" are the same, and "stops" without an index means all contacts.
     "loads[0].time.scale" and "base.scale" are factors on a time function, with nominal value 1: the level of a record.
-    So are "mass.scale", "damping.scale" and "stiffness.scale" of matrices. Three names are short: "frequency" is that
-    of every Harmonic with the drive's frequency, in loads, base, stop motions and sums; "amplitude" is that of the
-    drive; "clearance" is the distance of every stop from zero.
-    The drive is the base motion, else the loads, else the motion of the stops. Raises InputError, also for another
-    drive of a beam that starts with the speed of its base.
+    So are "mass.scale", "damping.scale" and "stiffness.scale" of matrices. Three names are short: "frequency" and
+    "amplitude" are those of every Harmonic, if all have the same; "clearance" is the distance of every stop from zero.
+    Raises InputError, also for another base motion of a beam with an initial velocity.
     """
     if system.problem is not None and not system.keeps("q0", "v0"):
         remedy = "give the beam its initial data in the problem, or build the systems one by one"
@@ -256,7 +236,8 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
     root: Any = system.problem or system
     placed: dict[tuple[Any, ...], float] = {}
     for path, value in values.items():
-        (positive if path in ("frequency", CLEARANCE) else number)(path, value)
+        if path == CLEARANCE:
+            positive(path, value)
         try:
             for keys, sign in _keys_of(root, path):
                 if placed.setdefault(keys, sign * value) != sign * value:
@@ -265,19 +246,13 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
         except LookupError as error:
             known = list(dict.fromkeys([*DRIVE, CLEARANCE, *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
-    return root if system.problem is None else _rebuilt(system, system.problem, root)
-
-
-def _rebuilt(system: System, problem: BeamProblem, changed: BeamProblem) -> System:
-    """The system of the changed problem on the grid of a system. Raises InputError for a start with the speed of the
-    base, which would be one against the changed base."""
-    if problem.base is not None and problem.initial_velocity is not None and changed.base != problem.base:
-        speed, before, after = (float(np.squeeze(f(np.zeros(1)))) for f in (
-            problem.initial_velocity, problem.base.rate, changed.base.rate))  # type: ignore[union-attr]  # fmt: skip
-        if before != after and speed != 0.0 and abs(speed - before) <= 1e-6 * abs(before):
-            rule = "be kept where the beam starts with the speed of its base"
-            raise InputError("base", "another speed at the start", rule, "build the systems one by one")
-    return semidiscretise(changed, system.cells or system.size, system.form)
+    if system.problem is None:
+        return root
+    problem = system.problem
+    if problem.initial_velocity is not None and root.base != problem.base:
+        rule = "be kept where the beam has an initial velocity, which may be that of its base"
+        raise InputError("base", "another base motion", rule, "build the systems one by one")
+    return semidiscretise(root, system.cells or system.size, system.form)
 
 
 DRIVE, CLEARANCE = ("frequency", "amplitude"), "clearance"
@@ -292,36 +267,40 @@ def paths_of(system: System) -> list[str]:
     return [
         re.sub(r"^(loads\[\d+\])\[1\]", r"\1.time", path_of((*keys, SCALE) if isinstance(x, Sampled) else keys))
         for keys, x in walk(system.problem or system, leaves=CLOSED)
-        if isinstance(x, (Sampled, Real, Decimal)) and not isinstance(x, bool)
+        if isinstance(x, (Sampled, Real))
     ]
 
 
 def value_at(system: System, path: str) -> float:
-    """The number at a path or a short name. Raises LookupError where there is none, or different ones behind it."""
+    """The number at a path or a short name. LookupError or TypeError where there is none, or different ones behind
+    it."""
     root: Any = system.problem or system
-    ends = [(reduce(_part, keys, root), sign) for keys, sign in _keys_of(root, path)]
-    found = {sign * float(end) if isinstance(end, Real) else None for end, sign in ends}
-    if len(found) != 1 or None in found:
+    found = {sign * reduce(_part, keys, root) for keys, sign in _keys_of(root, path)}
+    if len(found) != 1:
         raise LookupError(path)
-    return found.pop()  # type: ignore[return-value]
+    return float(found.pop())
 
 
 def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
     """Names and indexes from a problem or a system to each number that a path stands for, and its sign there."""
-    beam = isinstance(root, BeamProblem)
-    stops = root.all_stops if beam else [contact.stops for contact in root.contacts]
-    # Where the problem or the system keeps them.
-    places = [("stops", i) if beam else ("contacts", i, "stops") for i in range(len(stops))]
-    if beam and isinstance(root.stops, Stops):
-        places = [("stops",)]
+    parts = list(walk(root, leaves=CLOSED))
+    stops = [(keys, x) for keys, x in parts if isinstance(x, Stops)]
     if path in DRIVE:
-        return [(keys, 1.0) for keys in _drive(root, path)]
+        # The amplitude of a load is none of a motion of base or stops.
+        drives = {
+            (*keys, path): f.frequency if path == "frequency" else (f.frequency, f.amplitude, keys[0] == "loads")
+            for keys, f in parts
+            if isinstance(f, Harmonic)
+        }
+        if (count := len({*drives.values()})) != 1:
+            remedy = f"name one by its path, for example loads[0].time.{path}" if count else "vary stops.stiffness"
+            raise InputError(path, f"{count} drives", "vary exactly one Harmonic drive", remedy)
+        return [(keys, 1.0) for keys in drives]
     if path == CLEARANCE:
+        sides = [((*keys, side), sign) for keys, _ in stops for side, sign in (("lower", -1.0), ("upper", 1.0))]
         if not stops:
-            remedy = "vary another parameter, or give the case stops"
-            raise InputError("parameter", CLEARANCE, "be asked of a case with stops", remedy)
-        sides = [(i, side, sign) for i in range(len(stops)) for side, sign in (("lower", -1.0), ("upper", 1.0))]
-        return [((*places[i], side), sign) for i, side, sign in sides if getattr(stops[i], side) is not None]
+            raise InputError("parameter", path, "be asked of a case with stops", "vary another parameter")
+        return [(keys, sign) for keys, sign in sides if reduce(_part, keys, root) is not None]
     keys: tuple[Any, ...] = tuple(int(index) if index else name for name, index in _KEY.findall(path))
     # findall skips what it cannot read. Such a path does not read back as it was.
     if not keys or path_of(keys) != path:
@@ -329,13 +308,12 @@ def _keys_of(root: Any, path: str) -> list[tuple[tuple[Any, ...], float]]:
     if keys[0] == "contacts" and keys[2:3] == ("stops",):
         keys = ("stops", keys[1], *keys[3:])
     if keys[0] != "stops":
-        return [(keys if beam else tuple(AS_GIVEN.get(key, key) for key in keys), 1.0)]
+        return [(keys if isinstance(root, BeamProblem) else tuple(AS_GIVEN.get(key, key) for key in keys), 1.0)]
     # The stops of one contact or of all.
     index = [key for key in keys[1:2] if isinstance(key, int)]
-    each, rest = index or list(range(len(stops))), keys[1 + len(index) :]
-    if not each or max(each) >= len(stops):
+    if not stops:
         raise LookupError(path)
-    return [((*places[i], *rest), 1.0) for i in each]
+    return [((*stops[i][0], *keys[1 + len(index) :]), 1.0) for i in index or range(len(stops))]
 
 
 def _part(thing: Any, key: Any) -> Any:
@@ -352,7 +330,7 @@ def _part(thing: Any, key: Any) -> Any:
 def _replaced(thing: Any, keys: Sequence[Any], value: float) -> Any:
     """The object with a value at the end of the keys."""
     if not keys:
-        if thing is not None and (isinstance(thing, bool) or not isinstance(thing, (Real, str, Decimal))):
+        if not isinstance(thing, Real | None):
             raise LookupError(thing)
         return value
     key, *others = keys
@@ -365,22 +343,3 @@ def _replaced(thing: Any, keys: Sequence[Any], value: float) -> Any:
         entries = [new if i == key else x for i, x in enumerate(thing)]
         return np.array(entries) if isinstance(thing, np.ndarray) else tuple(entries)
     return replace(thing, **{key: new})
-
-
-def _drive(root: Any, name: str) -> list[tuple[Any, ...]]:
-    """The keys of the frequency or the amplitude of the drive."""
-    found = [(keys, f) for keys, f in walk(root, leaves=CLOSED) if isinstance(f, Harmonic)]
-    # The drive: the first place in this order that has a Harmonic.
-    places = ([f for keys, f in found if keys[0] == x] for x in ("base", "loads", "stops", "contacts"))
-    drive = next((place for place in places if place), [])
-    distinct = {h.frequency if name == "frequency" else (h.frequency, h.amplitude) for h in drive}
-    if len(distinct) != 1:
-        by_path = f"name one by its path, for example loads[0].time.{name}"
-        remedy = by_path if distinct else "vary a number that it has: loads[0].time.scale, stops.stiffness"
-        raise InputError(name, f"{len(distinct)} drives", "vary exactly one Harmonic drive", remedy)
-    shared = [(keys, f) for keys, f in found if f.frequency == drive[0].frequency]
-    loaded = any(keys[0] == "loads" for keys, _ in found)
-    if name == "amplitude" and loaded and any(keys[0] == "contacts" for keys, _ in shared):
-        rule = "have no stops that move at the drive's frequency"
-        raise InputError("system", "moving stops", rule, "name one by its path: loads[0].time.amplitude")
-    return [(*keys, name) for keys, f in shared if name == "frequency" or f in drive]

@@ -20,8 +20,8 @@ from ..basics.text import several
 from ..basics.validation import InputError, one_of, require_jax_float64
 from ..kernels.rhs import THROUGH, equations, evaluated, function_address, jacobian
 from .beam import velocity_curvature_matrices
-from .contact import Law, channel_motion, channel_position, damps, laws, pressure
-from .time_functions import breakpoints_of, evaluate
+from .contact import Law, channel_motion, channel_position, laws, pressure
+from .time_functions import evaluate
 
 if TYPE_CHECKING:
     from .system import System
@@ -86,7 +86,7 @@ class RightHandSide:
 
     def __init__(self, system: System, descriptor: bool = False) -> None:
         contacts, n, m = system.contacts, 2 * system.size, len(system.contacts)
-        self.system, self.states, self.damped = system, n, any(c.stops.dissipative for c in contacts)
+        self.system, self.states, self.damped = system, n, any(c.stops.law.damps for c in contacts)
         self.size = n + 2 + m + self.damped
         self.z0 = np.pad(on_positions(system.q0) + on_velocities(system.v0), (0, self.size - n))
         stiffness, damping, divide = system.stiffness, system.damping, lambda x: x
@@ -117,7 +117,7 @@ class RightHandSide:
         self._called: list[Any] = [(f, getattr(f, "value", f), x) for f, x in zip(called, of_offsets, strict=True)]
         self.in_python, self.given = bool(called), np.zeros((3, len(called)))
         # (contact, +1 upper or -1 lower) of every gap, and what a solver sets.
-        self.law, self.sides = laws(contacts), [(i, side) for i, c in enumerate(contacts) for side, _ in c.stops.sides]
+        self.law, self.sides = laws(contacts), [(i, side) for i, c in enumerate(contacts) for side in c.stops.sides]
         self.lengths, self.levels = np.ones(m), np.zeros((3 if self.damped else 2) * len(self.sides))
         self.regime, self.window = np.full(m, THROUGH, np.int64), np.array([-np.inf, np.inf])
         # Lower and upper bandwidth of E and df/dz, None where a band does not pay.
@@ -170,8 +170,8 @@ class RightHandSide:
         i, side = self.sides[k]
         contact, y = self.system.contacts[i], z[: self.states]
         u, v = channel_motion(contact.row, contact.offset, self._inside(t), y[::2], y[1::2])
-        depth = side * (u - contact.stops.bound(side))
-        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), contact.stops.coefficients))
+        depth = side * (u - contact.stops.sides[side])
+        return max(0.0, pressure(max(0.0, float(depth)), side * float(v), contact.stops.law))
 
     def stored(self, t: float, z: Array) -> Array:
         """Energy (contacts,) in the stops at t, with the functions of time of the window."""
@@ -188,7 +188,7 @@ class RightHandSide:
         z = z.copy()
         z[self.states] += np.sum(gained)
         if self.damped:
-            z[-1] += np.sum(gained[[c.stops.dissipative for c in self.system.contacts]])
+            z[-1] += np.sum(gained[[c.stops.law.damps for c in self.system.contacts]])
         return z
 
     def _inside(self, t: float) -> float:
@@ -273,7 +273,7 @@ def rate_with_integrals(exponents: tuple[float, ...], t: Any, z: Any, numbers: N
         force = contact_force(u[c], v[c], numbers["regime"][c], stop._replace(p=p))  # p is a constant of the program
         rate = rate + numbers["pushes"][c] * force
         given = given - force * offset_rates[c]
-        absorbed = absorbed - jnp.where(damps(stop), force * v[c], 0.0)
+        absorbed = absorbed - jnp.where(stop.damps, force * v[c], 0.0)
         pushes.append(-force)
     viscous = y @ numbers["viscous"] @ y if len(numbers["viscous"]) else 0.0 * given
     return jnp.concatenate([rate, jnp.stack([given, viscous, *pushes, absorbed])])[: max(n, len(z))]
@@ -308,7 +308,7 @@ class ODE:
         ``contact`` and ``side``, 1 upper or -1 lower, and SciPy's ``direction`` and ``terminal``. Those of ``segment``
         end it: terminal, with direction 1 where the side is open and -1 where it is closed.
     breakpoints : tuple of float
-        Times at which a load or an offset is not smooth: samples of records, and those that a function states.
+        Times at which a load or an offset is not smooth: samples of records.
 
     Examples
     --------
@@ -380,8 +380,8 @@ class ODE:
 
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times at which a load or an offset is not smooth."""
-        return tuple(breakpoints_of(*self.system.drive.others).tolist())
+        """Times of the samples of records."""
+        return tuple(self.system.drive.edges.tolist())
 
     @cached_property
     def cfunc(self) -> tuple[int, int]:

@@ -51,7 +51,7 @@ class Scales:
         return 2.0 * np.pi / least if least > 0.0 else np.inf
 
 
-@np.errstate(over="ignore")  # a speed of inf is refused by those who need one
+@np.errstate(over="ignore", divide="ignore")  # a speed of inf is refused by those who need one
 def scales(system: System, t_end: float = np.inf) -> Scales:
     """The scales of a run of ``system`` to t_end, inf where it is not known."""
     basis, drive = undamped_modes(system), system.drive
@@ -65,7 +65,7 @@ def scales(system: System, t_end: float = np.inf) -> Scales:
     if np.any(drifts):
         others, least = list(drive.frequencies), np.full(len(rates), np.inf)
         for contact in system.contacts:
-            stops, law = contact.stops, contact.stops.coefficients
+            stops, law = contact.stops, contact.stops.law
             if not stops.rigid:  # by the spring with the same force where the stop holds the energy V^2/2
                 kappa = chord(depth_holding(0.5 * largest**2, law), law)
                 others.append(float(np.sqrt(kappa) * _lightness(basis, contact)))
@@ -74,12 +74,6 @@ def scales(system: System, t_end: float = np.inf) -> Scales:
         least = np.minimum(least, min((x for x in others if x > 0.0), default=np.inf))
         rates = np.where(drifts, np.where(np.isfinite(least), least, 0.0), rates)
     return Scales(largest, np.maximum(rates, 2.0 * np.pi / t_end))
-
-
-def oscillates(system: System, t_end: float = np.inf) -> Array:
-    """The modes that their stiffness turns noticeably within the run, a mask (n,)."""
-    omega = undamped_modes(system).omega
-    return (omega > 0.0) & (omega * t_end >= UNNOTICED)
 
 
 def _speed(system: System, basis: Modes, t_end: float) -> float:
@@ -94,8 +88,7 @@ def _speed(system: System, basis: Modes, t_end: float) -> float:
             force = basis.force(vector)
             # The load acts one way until the fastest of these turns the mode, or the run ends.
             fastest = np.maximum(np.maximum(basis.omega, damping), frequency)
-            with np.errstate(divide="ignore"):
-                reach = np.minimum(np.minimum(amplitude / fastest, impulse), amplitude * t_end)
+            reach = np.minimum(amplitude / fastest, min(impulse, amplitude * t_end))
             gained = np.multiply(np.abs(force), reach, out=np.zeros_like(force), where=force != 0.0)
             if frequency == 0.0:  # a push that lasts, which a stop ends
                 levels = [factor * f.level for factor, f in parts(function) if isinstance(f, Constant)]
@@ -118,11 +111,11 @@ def _fall(system: System, basis: Modes, force: Array, level: float) -> Array:
     # The nearest stop ahead of each mode, on either side of a contact.
     for contact, u in zip(system.contacts, system.positions(0.0, system.q0), strict=False):
         along, stops = basis.force(contact.row), contact.stops
-        for side, bound in stops.sides:
+        for side, bound in stops.sides.items():
             towards = side * along * f > 0.0
             pressed = np.abs(f[towards] / along[towards])
-            depth = depth_under(pressed, stops.coefficients)
-            held = np.zeros_like(depth) if stops.rigid else stored(depth, stops.coefficients)
+            depth = depth_under(pressed, stops.law)
+            held = np.zeros_like(depth) if stops.rigid else stored(depth, stops.law)
             gap = max(side * (bound - float(u)), 0.0)
             square[towards] = np.minimum(square[towards], 2.0 * (pressed * (gap + depth) - held))
     return np.where(force == 0.0, 0.0, np.sqrt(square))

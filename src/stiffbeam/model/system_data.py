@@ -2,9 +2,8 @@
 
     theta -> (M, C, K, rows, stops, loads, offsets, q0, v0)
 
-The derivative is a central difference of order 8, at the end of a parameter's range a one-sided one of order 4; its
-distance to a difference of lower order is its bound. Most data are linear or quadratic in a parameter; then both are
-exact at any width. Only the data are differenced, never a motion.
+Only the data are differenced, never a motion. Most are linear or quadratic in a parameter, of which differences are
+exact at any width.
 """
 
 from __future__ import annotations
@@ -22,14 +21,12 @@ from .members import value_at, with_values
 from .system import System
 from .time_functions import Constant, Harmonic, LoadFunction, Sampled, leaves, parts
 
-WIDTHS = tuple(2.0**-k for k in (2, 5, 8, 12, 16, 20, 24))  # steps of differences, of the parameter
-# Weights of the changes over 1 to 4 steps, by the sides on which there are systems: of orders 8 and 6, or 4 and 3.
-WEIGHTS = {
-    2: np.array([[4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0], [3.0 / 4.0, -3.0 / 20.0, 1.0 / 60.0, 0.0]]),
-    1: np.array([[4.0, -3.0, 4.0 / 3.0, -1.0 / 4.0], [3.0, -1.5, 1.0 / 3.0, 0.0]]),
-}
+WIDTHS = (2.0**-4, 2.0**-12, 2.0**-18)  # steps, of the parameter: for linear data, smooth ones, and beside a kink
+# Weights of the slopes over 1 to 4 steps for the slope over none, by a cubic and by a quadratic.
+TO_NO_STEP = np.array([[4.0, -6.0, 4.0, -1.0], [3.0, -3.0, 1.0, 0.0]])
 EXACT = 1e-12  # relative: differences that agree to that are taken
-ROUNDING = 64.0 * float(np.finfo(float).eps)  # of an array's numbers, in their differences
+EPS = float(np.finfo(float).eps)
+ROUNDING = 64.0 * EPS  # of an array's numbers, in their differences
 SMOOTH = 1e-6  # relative bound above which a dependence counts as not smooth
 VECTORS = {"initial_displacement": "q0", "initial_velocity": "v0"}
 
@@ -54,9 +51,9 @@ class SystemData(SimpleNamespace):
         pieces = zip(vars(self).items(), np.split(numbers, ends), strict=False)
         return SystemData(**{name: piece.reshape(old.shape) for (name, old), piece in pieces})
 
-    def zeros(self) -> SystemData:
-        """Derivative of data that do not depend on a parameter."""
-        return self.of_vector(np.zeros(len(self.vector())))
+    def along(self, name: str, direction: Array) -> SystemData:
+        """Derivative of the data as one array changes along a direction."""
+        return SystemData(**{x: direction if x == name else np.zeros_like(y) for x, y in vars(self).items()})
 
 
 def offset_terms(system: System) -> list[tuple[int, float, LoadFunction]]:
@@ -99,8 +96,8 @@ def _structure(system: System) -> list[object]:
     """All data of a system that are not numbers. With respect to these there is no derivative."""
     terms = leaves(*system.time_functions)
     kinds = [(type(f), f.t.tobytes(), f.degree) if isinstance(f, Sampled) else type(f) for f in terms]
-    sides = [([side for side, _ in c.stops.sides], c.stops.rigid) for c in system.contacts]
-    return [*kinds, *sides, system.size]
+    laws = [(c.stops.law.p, c.stops.law.lam, c.stops.rigid) for c in system.contacts]
+    return [*kinds, *laws, *(list(c.stops.sides) for c in system.contacts), system.size]
 
 
 def slopes(system: System, wrt: Sequence[Any]) -> tuple[list[str], list[SystemData], Array]:
@@ -110,40 +107,35 @@ def slopes(system: System, wrt: Sequence[Any]) -> tuple[list[str], list[SystemDa
     entries, named q0[i] and v0[i]; a pair ("stiffness", dK) is a direction in which a matrix changes. Raises InputError
     for a path that the system does not have, and for a parameter in which its data have no derivative.
     """
-    base = data_of(system)
+    base, n = data_of(system), system.size
     found: list[tuple[str, SystemData, float]] = []
     for path in wrt:
+        start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", VECTORS.get(path, path)) if isinstance(path, str) else None
         if not isinstance(path, str):
-            found.append((f"{path[0]} along a direction", _along(system, base, *path), 0.0))
-            continue
-        start = re.fullmatch(r"(q0|v0)(?:\[(\d+)\])?", VECTORS.get(path, path))
-        if not start or (start[2] and int(start[2]) >= system.size):
+            found.append((f"{path[0]} along a direction", base.along(path[0], _direction(n, *path)), 0.0))
+        elif start and int(start[2] or 0) < n:
+            entries = range(n) if start[2] is None else [int(start[2])]
+            found += [(f"{start[1]}[{i}]", base.along(start[1], np.eye(n)[i]), 0.0) for i in entries]
+        else:
             found.append((path, *_slope(system, base, path)))
-            continue
-        # Initial data: the derivative is a unit vector, exact.
-        for i in range(system.size) if start[2] is None else [int(start[2])]:
-            unit = base.zeros()
-            getattr(unit, start[1])[i] = 1.0
-            found.append((f"{start[1]}[{i}]", unit, 0.0))
     return [x for x, _, _ in found], [x for _, x, _ in found], np.array([x for _, _, x in found])
 
 
-def _along(system: System, base: SystemData, name: str, direction: Any) -> SystemData:
-    """Derivative of the data ``base`` as a matrix of the system changes along a direction (n, n)."""
+def _direction(n: int, name: str, direction: Any) -> Array:
+    """The direction (n, n) in which a matrix of the system changes."""
     one_of("wrt", name, ("mass", "damping", "stiffness"))
     matrix = numbers("wrt", direction)
-    if matrix.shape != base.mass.shape or not (name == "damping" or np.array_equal(matrix, matrix.T)):
-        rule = f"be along a matrix {system.size} x {system.size}, symmetric but for damping"
+    if matrix.shape != (n, n) or not (name == "damping" or np.array_equal(matrix, matrix.T)):
+        rule = f"be along a matrix {n} x {n}, symmetric but for damping"
         raise InputError("wrt", f"{name} along shape {matrix.shape}", rule, 'for example ("stiffness", K1 - K0)')
-    column = base.zeros()
-    getattr(column, name)[:] = matrix
-    return column
+    return matrix
 
 
 def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, float]:
     """Derivative of the data ``base`` of a system at a path, and its relative bound.
 
-    Raises InputError where the system beside it has other terms.
+    The mean of one-sided differences of order 4 on both sides, and their distance; at the end of a parameter's range
+    that of one side, and its distance to order 3.
     """
     try:
         value = value_at(system, path)
@@ -152,49 +144,43 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
         # A path such as "stops.stiffness" may stand for contacts with different values: no common derivative.
         rule = "be a number, and one value where it stands for several"
         raise InputError("wrt", path, rule, "name one of them, stops[0]") from None
-    structure = _structure(system)
-    scale, centre = abs(value) if value else 1.0, base.vector()
+    scale, centre = abs(value) or 1.0, base.vector()
 
-    def secants(step: float) -> Array:
-        """Changes of the data over 1 to 4 steps, per step."""
-        members = [with_values(system, {path: value + k * step}) for k in range(1, 5)]
-        if any(_structure(member) != structure for member in members):
-            rule = "keep the terms of the loads, the observed points, the times of samples and the sides of the stops"
+    def numbers_at(x: float) -> Array:
+        """The data with the parameter at x, NaN outside its range. InputError where they have other terms."""
+        try:
+            member = with_values(system, {path: x})
+        except InputError:
+            return np.full(len(centre), np.nan)
+        if _structure(member) != _structure(system):
+            rule = "keep the terms of the loads, the observed points, times of samples, sides and exponents of stops"
             raise InputError("wrt", path, rule, "take a value beside it, or another parameter")
-        return (np.array([data_of(member).vector() for member in members]) - centre) / step
+        return data_of(member).vector()
 
     def largest(numbers: Array) -> Array:
+        """Of each number the largest of its array: a stiffness may have a far larger slope than a row."""
         sizes = vars(base.of_vector(numbers)).values()
         return np.concatenate([np.full(x.size, np.max(np.abs(x), initial=1e-300)) for x in sizes])
 
-    found, error, bound = centre, np.inf, np.inf
-    problem: InputError | None = None
-    # Widest first: the rounding of a difference falls as the width grows.
+    found, error = centre, np.inf
     for width in WIDTHS:
-        sides = []
-        for way in (1.0, -1.0):
-            try:
-                sides.append(secants(way * width * scale))
-            except InputError as refused:
-                # Outside the range of the parameter there is no system: a narrower width may fit, or one side alone.
-                # What is wrong inside the range tells more than where it ends.
-                problem = refused if problem is None or refused.field == "wrt" else problem
-        if not sides:
+        steps = value + width * scale * np.array([[1, 2, 3, 4], [-1, -2, -3, -4]]) - value  # as they are rounded
+        changes = np.array([[numbers_at(value + x) for x in side] for side in steps.tolist()]) - centre
+        sides = TO_NO_STEP @ (changes / steps[..., None])  # (2, orders 4 and 3, numbers)
+        sides = sides[np.all(np.isfinite(sides), axis=(1, 2))]
+        if not len(sides):
             continue
-        slope, other = WEIGHTS[len(sides)] @ sum(sides)
-        # At a kink, such as a node of linear elements, all symmetric differences agree on the mean of its two slopes.
-        kink = WEIGHTS[1][0] @ (sides[0] - sides[-1])
-        # Each array by its own largest slope: a stiffness may have a far larger one than a row. Beside rounding.
+        # At a kink, such as a node of linear elements, the two sides differ.
+        slope, off = np.mean(sides[:, 0], axis=0), sides[0, 0] - (sides[1, 0] if len(sides) == 2 else sides[0, 1])
         rounding = ROUNDING * largest(centre) / (width * scale)
-        size = np.maximum(largest(slope), rounding)
-        off, bend = (float(np.max((np.abs(x) - rounding) / size, initial=0.0)) for x in (slope - other, kink))
-        if max(off, bend) < error:
-            found, error, bound = slope, max(off, bend), max(off, float(np.finfo(float).eps) / width)
+        apart = np.max((np.abs(off) - rounding) / np.maximum(largest(slope), rounding), initial=EPS / width)
+        if apart < error:
+            found, error = slope, float(apart)
         if error <= EXACT:
             break
-    if np.isinf(error) and problem is not None:
-        raise problem
+    if np.isinf(error):
+        with_values(system, {path: value + WIDTHS[-1] * scale})  # which says what is wrong with it
     if error > SMOOTH:
         rule = f"be a parameter in which the system's data are smooth (two differences disagree by {error:.1g})"
         raise InputError("wrt", path, rule, "take a value beside it, or another parameter")
-    return base.of_vector(found), bound
+    return base.of_vector(found), error

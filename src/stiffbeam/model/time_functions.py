@@ -27,7 +27,6 @@ from ..basics.validation import (
     number,
     numbers,
     one_of,
-    positive,
     sequence,
 )
 
@@ -44,8 +43,8 @@ class TimeFunction(Protocol):
     """f(t) with two derivatives, vectorised: an array of times gives an array of that shape.
 
     ``Harmonic``, ``Constant``, ``Sampled`` and ``Superposition`` are time functions. A class of your own needs the
-    three methods ``value``, ``rate`` and ``acceleration``. An attribute ``breakpoints`` may state the times where f is
-    not smooth, so that adaptive solvers restart there.
+    three methods ``value``, ``rate`` and ``acceleration``. Times where it is not smooth are the argument
+    ``breakpoints`` of ``reference``.
 
     Examples
     --------
@@ -126,11 +125,8 @@ class Harmonic(Derivable):
 
     def __post_init__(self) -> None:
         vars(self)["amplitude"] = number("amplitude", self.amplitude, exact=True)
-        vars(self)["frequency"] = positive("frequency", self.frequency, exact=True)
-        # The acceleration of a base is a load: it has to fit in float64.
-        if not self.frequency <= 1e150 or abs(self.amplitude) * max(1.0, self.frequency) ** 2 > 1e300:
-            pair, rule = (self.amplitude, self.frequency), "have an acceleration, amplitude frequency^2, in float64"
-            raise InputError("amplitude and frequency", pair, rule, "use other units")
+        # Its square is a number.
+        vars(self)["frequency"] = number("frequency", self.frequency, exact=True, least=1e-150, most=1e150)
         vars(self)["phase"] = number("phase", self.phase, exact=True)
 
     def _at(self, t: ArrayLike, order: int) -> Array:
@@ -210,14 +206,12 @@ class Sampled(Derivable):
     def __post_init__(self) -> None:
         one_of("kind", self.kind, KINDS, "be 'linear' or 'cubic'")
         for name in ("t", "values"):
-            stated, rule = getattr(self, name), "be two or more finite numbers in a row"
-            array = constants(f"sampled.{name}", stated, rule)
-            if array.ndim != 1 or len(array) < 2:
-                raise InputError(f"sampled.{name}", stated, rule, "give a list")
-            vars(self)[name] = array
-        if len(self.t) != len(self.values):
-            remedy = "give as many values as times"
-            raise InputError("sampled.values", len(self.values), f"be one per time, {len(self.t)}", remedy)
+            vars(self)[name] = constants(f"sampled.{name}", getattr(self, name), "be finite numbers in a row")
+        if self.t.ndim != 1 or len(self.t) < 2:
+            raise InputError("sampled.t", self.t, "be two or more times in a row", "give a list")
+        if self.values.shape != self.t.shape:
+            rule = f"be one per time, {len(self.t)}"
+            raise InputError("sampled.values", f"shape {self.values.shape}", rule, "give as many values as times")
         steps = np.diff(self.t)
         if not np.all(steps > 0.0):
             at = int(np.argmin(steps > 0.0))
@@ -259,17 +253,14 @@ class Sampled(Derivable):
 
         with np.errstate(over="ignore", invalid="ignore"):
             try:
-                if self.kind == "cubic":
-                    whole = CubicSpline(self.t, self.values)
-                else:
-                    whole = PPoly(np.array([np.diff(self.values) / np.diff(self.t), self.values[:-1]]), self.t)
-            # A divided difference overflows, or two times are one beside others.
-            except (ValueError, np.linalg.LinAlgError):
-                whole = None
-        if whole is None or not np.all(np.isfinite(whole.c)):
-            remedy = "check the times: two lie so close that slopes overflow"
-            raise InputError("sampled.values", "slopes that overflow", "be representable in float64", remedy)
-        return whole
+                lines = [np.diff(self.values) / np.diff(self.t), self.values[:-1]]
+                whole = CubicSpline(self.t, self.values) if self.kind == "cubic" else PPoly(lines, self.t)
+                if np.all(np.isfinite(whole.c)):
+                    return whole
+            except ValueError:  # a divided difference overflows, or two times are one beside others
+                pass
+        remedy = "check the times: two lie so close that slopes overflow"
+        raise InputError("sampled.values", "slopes that overflow", "be representable in float64", remedy)
 
     def taylor(self, t: Array) -> Array:
         """Coefficients (.., 4) of f(t + s) = c_0 + c_1 s + c_2 s^2 + c_3 s^3 up to the next sample, also outside."""
@@ -280,10 +271,8 @@ class Sampled(Derivable):
         slack = BEYOND * float(self.t[-1] - self.t[0])
         for t in (start, end):
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
-                early = "let it begin at 0, in a case file by start = 0, or put samples before it"
-                remedy = early if t < self.t[0] else "end the run there, or append samples, 0 where nothing acts"
-                where = f"[{self.t[0]:.12g}, {self.t[-1]:.12g}]"
-                rule = f"be evaluated within its samples, {where}"
+                rule = f"be evaluated within its samples, [{self.t[0]:.12g}, {self.t[-1]:.12g}]"
+                remedy = "give samples from 0, in a case file by start = 0, to the end of the run, 0 where nothing acts"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
     def _at(self, t: ArrayLike, order: int) -> Array:
@@ -375,9 +364,8 @@ def derivative(function: TimeFunction, order: int) -> LoadFunction:
 def time_function(field: str, function: Any, moves: bool = False) -> Any:
     """``function`` if it is one of time: a TimeFunction, or a callable. A base or a stop that ``moves`` by it takes its
     rate and acceleration too."""
-    if isinstance(function, type):
-        raise InputError(field, function.__name__, "be a function of time, not a class", "for example Constant(0.1)")
-    if not isinstance(function, TimeFunction) and (moves or not callable(function)):
+    timed = isinstance(function, TimeFunction) or (callable(function) and not moves)
+    if isinstance(function, type) or not timed:
         kinds = "be a Harmonic, a Constant or a function of time"
         rule = "have value(t), rate(t) and acceleration(t)" if callable(function) else kinds
         raise InputError(field, function, rule, "for example Harmonic(0.1, 2.0)")
@@ -421,25 +409,6 @@ def description(function: LoadFunction | None) -> str:
     key = tuple(map(id, behind))
     _CALLABLES[key] = behind  # kept, so that no other one is ever given its number
     return f"callable {_PROCESS} {key}"
-
-
-def breakpoints_of(*functions: LoadFunction | None) -> Array:
-    """Times where one of these is not smooth: samples of records, and what the attribute ``breakpoints`` of other
-    functions states, which a bare callable can carry too: ``f.breakpoints = (0.5, 0.502)``."""
-    times = [np.zeros(0)]
-    for leaf in leaves(*functions):
-        whole = getattr(leaf, "__self__", None)
-        if isinstance(whole, TimeFunction):  # the rate of a base is as smooth as the base
-            times.append(breakpoints_of(whole))
-        else:
-            stated = leaf.t if isinstance(leaf, Sampled) else getattr(leaf, "breakpoints", None)
-            times.append(times_of("breakpoints", () if stated is None else stated))
-    return np.unique(np.concatenate(times))
-
-
-def times_of(field: str, values: Any) -> Array:
-    """Times in increasing order. Raises InputError for what are none."""
-    return np.unique(numbers(field, values, "be finite times", "give a list of them"))
 
 
 # ---------------------------------------------------------------- all those of a system as numbers

@@ -63,9 +63,9 @@ def reference(
     digits : int or "auto"
         Number of digits of "multiprecision".
     breakpoints : (k,) array
-        Times where a load or an offset is not smooth, for adaptive solvers, besides those that a function of time
-        states itself (its attribute ``breakpoints``). Limitation: a function in Python is seen only at the steps, of
-        which there are at least 200. Give breakpoints where a shorter feature begins and ends.
+        Times where a load or an offset is not smooth, for adaptive solvers, besides the samples of records.
+        Limitation: a function in Python is seen only at the steps, of which there are at least 200. Give breakpoints
+        where a shorter feature begins and ends.
     progress : bool or callable
         None shows a bar after 3 s, True at once, False nothing. A function is called as show(what, done, total) with
         the share that is done of the reference itself and of the solutions its horizon is measured with.
@@ -221,9 +221,9 @@ def solve(*request: Any, **options: Any) -> Reference:
 def _checked(request: Request) -> Request:
     """The request, t_end a float. Raises InputError for what its method cannot take."""
     from ..model.system import require_system
-    from ..model.time_functions import times_of
 
-    method, breaks = request.method, times_of("breakpoints", request.breakpoints)
+    method = request.method
+    breaks = np.unique(numbers("breakpoints", request.breakpoints, "be finite times", "give a list of them"))
     require_system(request.system)
     adaptive, t_end = method_of(method).kind == ADAPTIVE, positive("t_end", request.t_end)
     if adaptive:

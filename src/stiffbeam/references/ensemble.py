@@ -79,7 +79,7 @@ def reference_ensemble(
     # An adaptive solver uses the processes of ``joblib.parallel_config`` alone.
     runs = list(over(partial(one, since, len(times)), members, report, cores() if method == "exact" else 1))
     seconds = perf_counter() - begun
-    notes = {"members": len(members), "parameter": members.parameter, "horizon": best.horizon}
+    notes = {"members": len(members), "varied": list(members.parameters), "horizon": best.horizon}
     # Runs keep no motion: a ledger solves its member again, on demand.
     ledger = partial(_ledger, partial(one, 0.0, None), members)
     return Ensemble.of(

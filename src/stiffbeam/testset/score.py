@@ -480,7 +480,7 @@ def _peak(problem: Problem, run: Trajectory) -> float:
         return NAN
     if isinstance(run, Reference):
         peak = record.peak_force
-    elif record.stops.dissipative and "tip_velocity" in run.provenance:
+    elif record.stops.law.damps and "tip_velocity" in run.provenance:
         return NAN  # the force needs the velocity
     else:
         peak = _peak_between(run, record)

@@ -121,14 +121,7 @@ class Ensemble(Saved):
         return len(self.diverged)
 
     def __repr__(self) -> str:
-        return f"<Ensemble {self.label}: {several(len(self), 'member')}, {self.members.parameter}>"
-
-    @property
-    def values(self) -> Array | None:
-        """(M,), the value of ``members.parameter`` in every member, (M, p) of several; None where it is no number."""
-        values = np.asarray(self.members.values, object)
-        numeric = all(isinstance(x, (int, float, np.number)) for x in values.ravel().tolist())
-        return values.astype(float) if numeric else None
+        return f"<Ensemble {self.label}: {several(len(self), 'member')}>"
 
     kind = "ensemble"  # in files
 

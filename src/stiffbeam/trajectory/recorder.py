@@ -86,11 +86,12 @@ def sampled_record(t: Array, u: Array, v: Array, stops: Stops) -> ContactRecord:
         return ContactRecord(stops, u, v, np.full(len(t), np.nan), rebounds(t, u, v, stops), *3 * (float("nan"),))
     chi, force = stops.state(u, v), stops.force(u, v)
     # At the first time a position exactly on a stop is contact unless it leaves.
-    chi[0] = side_at_start(u[0], v[0], stops.law)
+    law = np.array(stops.law)
+    chi[0] = side_at_start(u[0], v[0], law)
 
     def switch(k: int, side: int) -> float:
         length = float(t[k] - t[k - 1])
-        return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, stops.law, length)
+        return float(t[k - 1]) + length * switch_time(u[k - 1], v[k - 1], u[k], v[k], side, law, length)
 
     size = np.abs(force)
     impacts = impacts_in(t, chi, size * step_lengths(t), switch, bool(t[0] == 0.0), peaks=size)

@@ -342,17 +342,17 @@ def _work_of_stops(
             work -= forces[1:, c] * np.diff(evaluate(contact.offset, t))
             taken -= 0.5 * impacts * np.diff(t) * forces[1:, c] * (rate[1:] + rate[:-1])
         # The whole work of a stop that neither moves nor damps is in its energy.
-        if stops.rigid or (contact.offset is None and not stops.dissipative):
+        if stops.rigid or (contact.offset is None and not stops.law.damps):
             continue
         force = stops.force(u, rate)
         beyond = force - stops.force(u, 0.0)
         # A force that jumps does not follow from the state: the node's counts where it is known.
-        if stops.jumps:
+        if stops.law.jumps:
             known = ~np.isnan(forces[:, c])
             beyond[known] += forces[known, c] - force[known]
             force[known] = forces[known, c]
         work -= 0.5 * (force[1:] + force[:-1]) * np.diff(evaluate(contact.offset, t))
-        if stops.dissipative:
+        if stops.law.damps:
             dissipated, power = 0.5 * (beyond[1:] + beyond[:-1]) * np.diff(u), beyond * rate
             taken -= dissipated
             # Where the force begins or ends within the step, its mean power has no meaning.
@@ -395,7 +395,7 @@ def _touching(
     touching = np.zeros(len(t), bool)
     for c, (contact, motion) in enumerate(zip(system.contacts, motions, strict=True)):
         closed = contact.stops.state(*motion) != 0
-        if node_forces is not None and contact.stops.jumps:
+        if node_forces is not None and contact.stops.law.jumps:
             closed = np.where(np.isnan(node_forces[:, c]), closed, node_forces[:, c] != 0.0)
         touching |= closed
     return touching

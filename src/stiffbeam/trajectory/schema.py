@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from ..basics.storage import content_hash, write_netcdf, write_whole
 from ..basics.text import Units, plain, unit_of
 from ..basics.validation import InputError, file_path, numbers
-from ..model.members import STARTS, SYSTEMS
 
 if TYPE_CHECKING:
     import pandas
@@ -106,10 +105,7 @@ def values_of(result: Any, x: Any = None) -> Values:
             each = [np.repeat(np.arange(len(result)), contact.impact_count) for contact in contacts]
             values["impact_member"] = (("impact",), np.concatenate(each))
         # A varied number is a coordinate by its path.
-        if result.values is not None and result.members.parameter not in (STARTS, SYSTEMS):
-            columns, paths = np.atleast_2d(result.values.T), [result.members.parameter]
-            for path, x in zip(paths if len(columns) == 1 else paths[0].split(", "), columns, strict=True):
-                values[parameter_name(path)] = (member, x)
+        values |= {parameter_name(path): (member, np.asarray(x)) for path, x in result.members.parameters.items()}
     return values
 
 
@@ -159,8 +155,8 @@ class Saved:
         """Return a row for each output time of a run, or each member of an ensemble, the index.
 
         Of a run: tip, tip_velocity, ``contact_force_0`` and so on of every contact, and the energies if the run has an
-        energy balance. Of an ensemble: the varied parameter by its name where it is a number, ``diverged``, and
-        ``impact_count_0``, ``contact_fraction_0``, ... of every contact.
+        energy balance. Of an ensemble: each varied parameter by its path, ``diverged``, and ``impact_count_0``,
+        ``contact_fraction_0``, ... of every contact.
         """
         import pandas
 
@@ -188,11 +184,10 @@ class Saved:
             "fingerprint": self.fingerprint,
             "provenance": json.dumps(plain(self.provenance)),
             "work": json.dumps(asdict(self.work)),
-            "stops": json.dumps([stops.data for stops in self.stops]),
+            "stops": json.dumps([asdict(stops) for stops in self.stops]),
             "impact_kind": ",".join(c.impacts.kind for c in self.contacts) or "none",
         }
         attributes |= {"horizon": self.horizon} if self.kind == "reference" else {}
-        attributes |= {"parameter": self.members.parameter} if self.kind == "ensemble" else {}
         coordinates = [name for name in data if name not in VARIABLES]
         dataset = xarray.Dataset(data, attrs=attributes).set_coords(coordinates)
         dataset.attrs["hash"] = content_hash(dataset)

@@ -146,7 +146,7 @@ def _ledger(rhs: RightHandSide, t: Array, z: Array, positions: Array) -> Ledger:
         start = system.positions(np.zeros(1), system.q0[None])
         of_stops = z[:, -1].copy()
         for i, contact in enumerate(system.contacts):
-            if contact.stops.dissipative:
+            if contact.stops.law.damps:
                 of_stops -= contact.stops.energy(positions[:, i]) - contact.stops.energy(start[:, i])
     q, v = y[:, ::2].copy(), y[:, 1::2].copy()
     energies = system.energies(t, q, v)
@@ -174,7 +174,7 @@ def _contact_record(
         for span in of_side if contact == i else ():
             (entry, z, first), (left, z_left, last) = span.ends
             # The force of a stop with c > 0 may be largest where it begins.
-            peak = float(np.nanmax([span.peak, first, last])) if stops.jumps else span.peak
+            peak = float(np.nanmax([span.peak, first, last])) if stops.law.jumps else span.peak
             # The integral of -F, after the states, the input and the viscous loss.
             impulse = side * float(z_left[rhs.states + 2 + i] - z[rhs.states + 2 + i])
             rows.append((entry, left, side, peak, impulse, max(first, last), span.open))

@@ -163,7 +163,7 @@ class Stepper(OdeSolver):
 def _modal(rhs: RightHandSide) -> Modal | None:
     """The Jacobian in its eigenvectors, None where these are too ill-conditioned, or where y' is not linear in y in
     every phase, as it is with any dashpots."""
-    laws = [contact.stops.coefficients for contact in rhs.system.contacts]
+    laws = [contact.stops.law for contact in rhs.system.contacts]
     if any(law.p != 1.0 or law.lam != 0.0 for law in laws):
         return None
     jacobian = rhs.jacobian(0.0, rhs.z0)[: rhs.states, : rhs.states]

@@ -31,7 +31,7 @@ from ...model.contact import chord
 from ...model.modes import undamped_modes
 from ...model.right_hand_side import RightHandSide
 from ...model.system import System
-from ...model.time_functions import breakpoints_of, evaluate
+from ...model.time_functions import evaluate
 from ...trajectory.trajectory import SolverFailure
 from ..registry import Request
 
@@ -66,11 +66,9 @@ def smooth_intervals(request: Request) -> list[Interval]:
         longest = min(longest, t_end / STEPS_OF_FUNCTIONS)
     if request.second:
         longest = SECOND_LOOK * min(longest, t_end / STEPS_OF_FUNCTIONS)
-    # The cuts: breakpoints of the caller, samples of the records, breakpoints that a function states.
-    times = [np.asarray(request.breakpoints), breakpoints_of(*drive.others)]
     # Cuts that are a few roundings apart would leave an interval of rounding length between them.
     cuts, least = [0.0], 64.0 * float(np.finfo(float).eps) * t_end
-    for t in np.unique(np.concatenate(times)).tolist():
+    for t in np.union1d(request.breakpoints, drive.edges).tolist():
         if cuts[-1] + least < t < t_end - least:
             cuts.append(t)
     # The functions may jump at a cut: an interval ends one double before it, and the next one evaluates them after it.
@@ -114,8 +112,8 @@ def scales_of(system: System, t_end: float) -> Scales:
         o, gives = evaluate(contact.offset, t), float(np.linalg.norm(contact.row @ soft)) ** 2
         moves.append(float(np.max(np.abs(o))))
         move = float(np.max(np.abs(o - o[0])))
-        if move and not contact.stops.dissipative:  # one that damps may hold the contact as if it were rigid
-            gives += 1.0 / chord(move, contact.stops.coefficients)
+        if move and not contact.stops.law.damps:  # one that damps may hold the contact as if it were rigid
+            gives += 1.0 / chord(move, contact.stops.law)
         energy += 0.5 * move * move / gives
     if not np.isfinite(energy):
         rule = "have an energy that float64 can hold"
@@ -217,7 +215,7 @@ class Path:
         self.method, self.rhs, self.solver = method, rhs, solver
         # What event functions are good to: a gap is a difference of numbers as large as the motion and the stop, and
         # below some roundings of these its sign means nothing. The rates of forces, each in units of its own, have 0.
-        stops = [max(abs(g) for _, g in rhs.system.contacts[i].stops.sides) for i, _ in rhs.sides]
+        stops = [max(abs(g) for g in rhs.system.contacts[i].stops.sides.values()) for i, _ in rhs.sides]
         contacts = [i for i, _ in rhs.sides]
         extents = np.concatenate([scales.lengths[contacts] + stops, scales.speeds[contacts]])
         self.rounding = 16.0 * np.finfo(float).eps * np.pad(extents, (0, len(rhs.levels) - len(extents)))
@@ -319,7 +317,7 @@ class Path:
         turn there from rising to falling without a zero of its rate."""
         for k in np.flatnonzero(self.closed).tolist():
             contact = self.rhs.system.contacts[self.rhs.sides[k][0]]
-            if (contact.offset is not None or contact.stops.dissipative) and self.spans[k][-1].ends[0][0] < t:
+            if (contact.offset is not None or contact.stops.law.damps) and self.spans[k][-1].ends[0][0] < t:
                 self._note(k, t, z)
 
     def _gaps_and_rates(self, t: float, z: Array) -> Array:

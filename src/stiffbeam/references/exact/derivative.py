@@ -158,7 +158,7 @@ def ends_of(tangent: Tangent) -> list[tuple[float, str]]:
             ends.append((0.0, "an impact at the start"))
     # On rigid and damped stops velocity or force jumps: a near miss is another motion than an impact.
     for contact, stops in enumerate(x.stops for x in system.contacts):
-        for side, _ in stops.sides:
+        for side in stops.sides:
             ends += [(t, "a contact rests on its stop without a force") for t in rests(tangent, contact, side)]
             if stops.rigid or stops.damping > 0.0:
                 ends += [(t, "a contact grazes its stop") for t in near_misses(tangent, contact, side)]

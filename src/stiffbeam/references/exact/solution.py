@@ -310,7 +310,7 @@ def audit(solution: Motion, t_end: float) -> None:
         stops, chi, u = contact.stops, solution.sides[piece, i], solution.path(t, i)[0]
         stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
         law = stops.energy(u)
-        wrong += np.abs(np.where(chi != 0, 0.5 * stops.coefficients.kappa, 0.0) * (u - stop) ** 2 - law)
+        wrong += np.abs(np.where(chi != 0, 0.5 * stops.law.kappa, 0.0) * (u - stop) ** 2 - law)
         held += law
         given, begun = (float(channel_position(contact.row, contact.offset, 0.0, x)) for x in (system.q0, q[0]))
         if abs(begun - given) > START * max(abs(given), float(np.max(np.abs(u)))):
@@ -381,7 +381,7 @@ def _beyond(solution: Motion, t: Array, kept: Array) -> float:
         row, moved = np.abs(contact.row), np.abs(q) + times[:, None] * np.abs(v)
         rounding = ROUNDINGS * EPS * float(np.max(moved @ row + np.abs(evaluate(contact.offset, times))))
         largest = max(float(np.max(np.abs(x))) for x in (u, between))
-        size = max(largest, *(abs(g) for _, g in contact.stops.sides), 1e-300)
+        size = max(largest, *(abs(g) for g in contact.stops.sides.values()), 1e-300)
         beyond = float(np.max(np.abs(contact.stops.penetration(u)))) - rounding - float(kept @ row)
         worst = max(worst, beyond / size)
     return worst
