@@ -131,7 +131,6 @@ REMEDIES = [
     ((sb.System.ode, RIGID), LARGE, (sb.System.ode, STIFF)),
     ((lambda x: x.ode().cfunc, PYTHON), SAMPLE, (lambda x: x.ode().cfunc, SAMPLED)),
     ((jacobian, PYTHON), SAMPLE, (jacobian, SAMPLED)),
-    ((lambda x: x.ode("descriptor").jax, LINEAR), "system.ode().jax", (lambda x: x.ode().jax, LINEAR)),
     ((march, RIGID, sb.HHT()), "use MoreauJean(), PaoliSchatzman(), NonsmoothGeneralisedAlpha(), or a large finite",
      (march, RIGID, sb.MoreauJean()), (march, RIGID, sb.PaoliSchatzman()),
      (march, RIGID, sb.NonsmoothGeneralisedAlpha()), (march, STIFF, sb.HHT())),

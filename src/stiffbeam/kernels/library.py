@@ -46,6 +46,11 @@ def library() -> ctypes.CDLL:
     return found
 
 
+def function_address(name: str) -> int:
+    """Address of a function of the library, for other C code."""
+    return ctypes.cast(getattr(library(), name), ctypes.c_void_p).value or 0
+
+
 class Structure:
     """A structure of C, as a header declares it with the shapes of its arrays, see SHAPE in law.h.
 

@@ -386,14 +386,11 @@ class System(Frozen):
         """E, the sum of ``energies``."""
         return sum(self.energies(t, q, v), np.zeros(np.shape(t)))
 
-    def ode(self, form: str = "explicit") -> ODE:
-        """Return the differential equation that the reference solvers integrate, for a solver of your own.
-
-        form: "explicit", y' = f(t, y), or "descriptor", E y' = f(t, y).
-        """
+    def ode(self) -> ODE:
+        """Return the differential equation that the reference solvers integrate, for a solver of your own."""
         from .right_hand_side import ODE
 
-        return ODE(self, form)
+        return ODE(self)
 
     def displacement(self, t: ArrayLike, q: Array, x: ArrayLike, of: str = "value") -> Array:
         """u(x, t) of a beam between its nodes, or with of="rate" and q' for q its velocity, see ``beam_field``.

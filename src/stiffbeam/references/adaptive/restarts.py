@@ -26,10 +26,9 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import clock, late
 from ...basics.validation import InputError
-from ...kernels.rhs import THROUGH
 from ...model.contact import chord
 from ...model.modes import undamped_modes
-from ...model.right_hand_side import RightHandSide
+from ...model.right_hand_side import THROUGH, RightHandSide
 from ...model.system import System
 from ...model.time_functions import breakpoints_of, evaluate
 from ...trajectory.trajectory import SolverFailure

@@ -21,7 +21,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import late
 from ...basics.validation import InputError
-from ...kernels.rhs import function_address
+from ...kernels.library import function_address
 from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import Request
