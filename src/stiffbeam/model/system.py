@@ -57,11 +57,10 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
         rule = "be a square matrix" if n is None else f"have shape ({n}, {n})"
         raise InputError(name, f"shape {dense.shape}", rule, "one row and one column per unknown")
     if not np.array_equal(dense, dense.T):
-        size = np.sqrt(np.abs(np.diag(dense)))
-        if np.all(np.abs(dense - dense.T) <= 1e-12 * np.outer(size, size)):
+        if symmetric(dense):
             dense = read_only(0.5 * (dense + dense.T))
         elif name != "damping":
-            raise unsymmetric(name, dense, "be symmetric to 1e-12 of its diagonal there")
+            raise unsymmetric(name, dense)
     if name == "mass":
         try:
             np.linalg.cholesky(dense)
@@ -76,12 +75,18 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     return dense
 
 
-def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
+def symmetric(matrix: Any) -> bool:
+    """True if a square matrix, dense or sparse, is symmetric to 1e-12 of its diagonal at each entry."""
+    size, apart = np.sqrt(np.abs(matrix.diagonal())), scipy.sparse.coo_array(matrix - matrix.T)
+    return bool(np.all(np.abs(apart.data) <= 1e-12 * size[apart.row] * size[apart.col]))
+
+
+def unsymmetric(name: str, matrix: Any) -> InputError:
     """Error for an unsymmetric matrix, dense or sparse. Of a half, as FE programs write it, 0.5*(A + A.T) is wrong."""
-    matrix = scipy.sparse.coo_array(matrix)
-    if any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1))):
-        return InputError(name, "one half of a matrix", rule, "give both halves: A + A.T without A's diagonal once")
-    return InputError(name, "an unsymmetric matrix", rule, "give the symmetric part 0.5*(A + A.T)")
+    half = any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1)))
+    found = "one half of a matrix" if half else "an unsymmetric matrix"
+    remedy = "both halves: A + A.T without A's diagonal once" if half else "the symmetric part 0.5*(A + A.T)"
+    return InputError(name, found, "be symmetric to 1e-12 of its diagonal", f"give {remedy}")
 
 
 def _least(matrix: Array) -> float:
