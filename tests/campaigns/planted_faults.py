@@ -122,7 +122,7 @@ FAULTS = [
     ("model", "model/scales.py", "np.sqrt(2.0 * stored), *moving, 0.0", "*moving, 0.0"),
     ("model", "model/scales.py", "square[towards] = np.minimum(square[towards], 2.0 *", "square[towards] = np.minimum(square[towards], 1.0 *"),
     ("references", "model/system_data.py", "4.0 / 5.0, -1.0 / 5.0", "4.0 / 5.0, 1.0 / 5.0"),
-    ("model", "model/system.py", "if self.origin and self.keeps(\"stiffness\") else None", "if self.origin else None"),
+    ("model", "model/system.py", "self.keeps(\"mass\", \"damping\", \"stiffness\")", "self.keeps(\"mass\", \"damping\")"),
     ("model", "basics/validation.py", "return read_only(value) if isinstance(value, np.ndarray) else value", "return value"),
     ("model", "model/beam.py", "stencil[0, 0] = 7.0", "stencil[0, 0] = 6.0"),
 ]  # fmt: skip

@@ -14,7 +14,7 @@ from ..files.cases import Case
 from ..measures.errors import Order, impact_times, tip_error
 from ..measures.frequencies import steady_state, without_contact
 from ..model.beam import natural_frequencies, tip_response
-from ..model.modes import modes
+from ..model.modes import undamped_modes
 from ..model.time_functions import Harmonic
 from . import base
 from .base import Answer, Row, Study, Table, option
@@ -143,9 +143,7 @@ def orders(table: Table) -> dict[tuple[str, str], Order]:
 
 
 def _frequencies(case: Case, form: str, count: int) -> list[Row]:
-    system = case.system(form)
-    basis = modes(replace(without_contact(system), damping=np.zeros_like(system.damping)))
-    assert basis is not None
+    basis = undamped_modes(without_contact(case.system(form)))
     pairs = zip(basis.omega.tolist(), natural_frequencies(case.beam, count), strict=False)
     return [_row(f"frequency {i}", value, float(exact)) for i, (value, exact) in enumerate(pairs, 1)]
 
