@@ -100,7 +100,7 @@ FAULTS = [
     ("model", "model/semidiscretisation.py", "bending=2.0 / L**2 * slope", "bending=1.0 / L**2 * slope"),
     ("model", "model/modes.py", "if np.any((off > rounding)[beside]):", "if False:"),
     ("model", "model/modes.py", "else replace(basis, damping=diagonal)", "else replace(basis, damping=0.5 * diagonal)"),
-    ("model", "model/modes.py", "(2.0 * damping_ratios(ratio", "(1.0 * damping_ratios(ratio"),
+    ("model", "model/modes.py", "(2.0 * of_modes * basis", "(1.0 * of_modes * basis"),
     ("model", "model/modes.py", "squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))", "shapes = back(vectors)"),
     ("model", "model/modes.py", "kept = np.imag(values) >= 0.0", "kept = np.imag(values) > 0.0"),
     ("model", "model/modes.py", "values = values + np.where(single", "values = values - 0.0 * np.where(single"),

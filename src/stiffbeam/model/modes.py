@@ -11,7 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, wraps
+from functools import partial, reduce, wraps
+from operator import mul
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -28,10 +30,11 @@ from .system import System, require_system
 EPS = float(np.finfo(float).eps)
 PASSES = 5
 GRADED = 0.5  # least eigenvalue of S with its diagonal scaled to ones: from there on all squares have their digits
-SLICES = 6  # of the digits of a factor, more than 20 bits each
+BITS = 200  # of products of matrices whose sums cancel
 SMALL = 100  # unknowns up to which all pairs are refined
 SUMMED = 8.0  # times sqrt(n) eps of its terms: more than twice what sums of n^2 of them have been seen to lose
 ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that much are left as they are
+_PRECISION = Lock()  # of flint, which has one for all threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,13 +222,8 @@ def _within_float64(name: str, scaled: Array) -> Array:
 
 def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
     """x -> R^-T x and x -> R^-1 x of M = R^T R."""
-    diagonal = np.diag(mass)
-    # n entries of a definite matrix stand on its diagonal, which has none that is zero.
-    if np.count_nonzero(mass) == len(mass):
-        root = np.sqrt(diagonal)[:, None]
-        return lambda x: x / root, lambda x: x / root
-    upper = scipy.linalg.cholesky(mass)
-    return partial(scipy.linalg.solve_triangular, upper, trans=1), partial(scipy.linalg.solve_triangular, upper)
+    solve = partial(scipy.linalg.solve_triangular, scipy.linalg.cholesky(mass), check_finite=False)
+    return partial(solve, trans=1), solve
 
 
 def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence[float]) -> Array:
@@ -261,19 +259,13 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
 
 def damping_of(basis: Modes, ratio: float | Sequence[float]) -> Array:
     """``modal_damping`` in known modes: in those of the system itself it couples none of them."""
-    weighted = basis.mass @ basis.shapes
-    return (weighted * (2.0 * damping_ratios(ratio, len(basis.omega)) * basis.omega)) @ weighted.T
-
-
-def damping_ratios(ratio: float | Sequence[float], modes: int) -> Array:
-    """zeta of every mode, (modes,): ``ratio`` for all of them, or a sequence for the first ones. Raises InputError."""
-    ratios = ratios_of(ratio)
-    if not isinstance(ratios, tuple):
-        return np.full(modes, ratios)
-    if len(ratios) > modes:
+    ratios, modes = np.atleast_1d(ratios_of(ratio)), len(basis.omega)
+    if np.ndim(ratio) and len(ratios) > modes:
         remedy = "leave the last ones out, or take more cells"
         raise InputError("modal_damping", len(ratios), f"be at most one for each of {modes} modes", remedy)
-    return np.pad(ratios, (0, modes - len(ratios)))
+    of_modes = np.pad(ratios, (0, modes - len(ratios))) if np.ndim(ratio) else ratios
+    weighted = basis.mass @ basis.shapes
+    return (weighted * (2.0 * of_modes * basis.omega)) @ weighted.T
 
 
 def graded_eigenpairs(
@@ -297,14 +289,13 @@ def graded_eigenpairs(
     for _ in range(PASSES):
         # S = X^T K X, and its rounding by the size of the terms that are summed.
         if factor is None:
-            S, terms = congruence(stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
+            S, terms = exact_product(X.T, stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
             rounding = rounding_of_zero(terms, len(mass))
         else:
-            S, terms = gram(*product(factor, X)), np.sum((np.abs(factor) @ np.abs(X)) ** 2, axis=0)
+            S, terms = exact_product(X.T, factor.T, factor, X), np.sum((np.abs(factor) @ np.abs(X)) ** 2, axis=0)
             rounding = rounding_of_zero(np.sqrt(terms), len(mass)) ** 2
         # R = U^T U makes one symmetric matrix of the pair: U^-T S U^-1.
-        R = congruence(mass, X)
-        upper = scipy.linalg.cholesky(0.5 * (R + R.T))
+        upper = scipy.linalg.cholesky(exact_product(X.T, mass, X))
         S = scipy.linalg.solve_triangular(upper, S, trans=1)
         S = scipy.linalg.solve_triangular(upper, S.T, trans=1)
         # Its pairs, and their vectors back in the space of X.
@@ -366,44 +357,13 @@ def _of_exact_modes(projected: Array, X: Array, mass: Any, stiffness: Any) -> tu
     return off, most * np.sqrt((overlap * (d.T / most) ** 2) @ overlap.T)
 
 
-def congruence(A: Array, X: Array) -> Array:
-    """X^T A X, each entry as if summed with twice the digits and rounded once."""
-    shift = np.floor(np.log2(float(np.max(np.abs(A))) or 1.0))  # 2^52 times it has to stay finite
-    high, low = product(np.ldexp(A, -int(shift)), X)
-    total, rest = product(X.T, high)
-    return np.ldexp(total + (rest + X.T @ low), int(shift))
+def exact_product(*factors: Array) -> Array:
+    """The product of matrices, each entry rounded once."""
+    from flint import arb_mat, ctx
 
-
-def gram(high: Array, low: Array) -> Array:
-    """Y^T Y of the unrounded sum Y of two matrices, each entry rounded once."""
-    total, rest = product(high.T, high)
-    return total + (rest + low.T @ high + high.T @ low)
-
-
-def product(A: Array, B: Array) -> tuple[Array, Array]:
-    """A B as the unrounded sum of two matrices, for products of slices of the digits have no rounding (Ozaki, Ogita,
-    Oishi and Rump, Numer. Algorithms 59, 2012). Below 2^-100 of the largest in row times the largest in column."""
-    bits = int(53.0 - np.ceil(np.log2(A.shape[1]))) // 2  # so that sums of products have 53
-    left, right = _slices(A, bits), _slices(B.T, bits)
-    high, low = np.zeros((2, len(A), B.shape[1]))
-    for i, j in ((i, both - i) for both in range(SLICES) for i in range(both + 1)):
-        term = left[i] @ right[j].T
-        # The rounding of the sum, exactly (Knuth).
-        total = high + term
-        back = total - high
-        low += (high - (total - back)) + (term - back)
-        high = total
-    return high, low
-
-
-def _slices(A: Array, bits: int) -> list[Array]:
-    """A as a sum of matrices with that many bits, counted from the largest entry of each row."""
-    slices = []
-    for _ in range(SLICES):
-        unit = np.ldexp(1.5, np.frexp(np.max(np.abs(A), axis=1, keepdims=True))[1] + 52 - bits)
-        slices.append((A + unit) - unit)
-        A = A - slices[-1]
-    return slices
+    with _PRECISION, ctx.workprec(BITS):
+        product = reduce(mul, (arb_mat(factor.tolist()) for factor in factors))
+        return np.array(product.tolist(), float)
 
 
 def graded_eigh(S: Array, least: Array) -> tuple[Array, Array, float]:

@@ -89,16 +89,11 @@ def unsymmetric(name: str, matrix: Any) -> InputError:
 
 
 def _least(matrix: Array) -> float:
-    """The least eigenvalue with the diagonal scaled to ones, and a lower bound of it where it is above -1e-10. Scaling
-    keeps its sign, and stiff parts cannot hide soft ones."""
+    """The least eigenvalue with the diagonal scaled to ones. Scaling keeps its sign, and stiff parts cannot hide soft
+    ones."""
     size = np.sqrt(np.abs(np.diag(matrix)))
     size = np.where(size > 0.0, size, 1.0)
-    scaled = matrix / size / size[:, None]
-    try:  # at less cost than the eigenvalue
-        np.linalg.cholesky(scaled + 0.5e-10 * np.eye(len(matrix)))
-        return -0.5e-10
-    except np.linalg.LinAlgError:
-        return float(np.linalg.eigvalsh(scaled)[0])
+    return float(np.linalg.eigvalsh(matrix / size / size[:, None])[0])
 
 
 def contacts_of(contacts: Any, n: int) -> tuple[Contact, ...]:
