@@ -11,7 +11,7 @@ import pytest
 from law_systems import Witness, random_system
 
 import stiffbeam as sb
-from stiffbeam.kernels.march import contact_forces
+from stiffbeam.kernels.library import contact_forces
 from stiffbeam.model import contact
 from stiffbeam.model.right_hand_side import THROUGH, contact_force
 from stiffbeam.references.adaptive.diffrax import float64_on_the_processor

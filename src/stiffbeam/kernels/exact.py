@@ -5,6 +5,7 @@ Arrays are checked here once: a wrong type, shape or order is a TypeError, not a
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from functools import partial
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ import numpy as np
 
 from ..basics.arrays import Array, IntArray
 from ..basics.resources import clock
-from .library import Structure, address, addressof, filled, library
+from .library import Structure, address, filled, library
 
 DONE, FULL, STALLED, NOT_FINITE = range(4)
 TOGETHER = 16.0  # roundings of the time within which rigid stops are hit together
@@ -41,7 +42,7 @@ class Free(SimpleNamespace):
             vars(self), coupling=self.coupling, kind=self.kind, damped=bool(self.poles[0].any()), longest=self.longest,
             decay=np.max(np.sum(np.abs(self.damping), axis=1)), stiffest=np.max(self.w2),
             fastest_wave=np.max(self.waves, initial=1e-300), N=self.poles.shape[1] - len(self.waves),
-            **{name: addressof(x.c) for name, x in (("up", up), ("low", low)) if x is not None},
+            **{name: ctypes.addressof(x.c) for name, x in (("up", up), ("low", low)) if x is not None},
         )  # fmt: skip
 
     @property

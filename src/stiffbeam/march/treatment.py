@@ -8,7 +8,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..kernels.march import BY_LAW, LINEAR, MEAN
+from ..kernels.library import BY_LAW, LINEAR, MEAN
 from ..model.system import System
 from ..model.time_functions import evaluate
 from ..schemes import RIGID as RIGID_SCHEMES

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
 from ..basics.validation import Frozen, InputError, instance, number, positive, vector
-from ..kernels.march import LAW, contact_forces
+from ..kernels.library import LAW, contact_forces
 from .time_functions import TimeFunction, evaluate, time_function
 
 STIFFEST = 1e200  # of a compliant stop: times a compliance it has to be a number

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.text import several
 from ..basics.validation import InputError, require_jax_float64
-from ..kernels.library import Structure, address, function_address, library
+from ..kernels.library import Structure, address, library
 from .beam import velocity_curvature_matrices
 from .contact import Law, channel_motion, channel_position, damps, laws, pressure
 from .time_functions import breakpoints_of, evaluate
@@ -400,16 +400,6 @@ class ODE:
         regime[:] = given
         ode.events = ode._events(terminal=True)
         return ode
-
-    @cached_property
-    def cfunc(self) -> tuple[int, int]:
-        """Addresses (function, data) of the compiled right-hand side: ``void f(double t, const double *y, double *f,
-        void *data)``. They hold as long as this object does.
-
-        Raises InputError where a load or an offset is a Python function.
-        """
-        self.system.drive.require_closed_form("compiled code")
-        return function_address("state_rate"), ctypes.addressof(self._rhs.c)
 
     @cached_property
     def jax(self) -> Callable[..., Any]:

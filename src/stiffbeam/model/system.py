@@ -368,10 +368,6 @@ class System(Frozen):
         elastic = np.sum(q * (q @ self.stiffness) if G is None else (q @ G.T) ** 2, axis=-1)
         return kinetic, 0.5 * elastic
 
-    def energy(self, t: ArrayLike, q: Array, v: Array) -> Array:
-        """E, the sum of ``energies``."""
-        return sum(self.energies(t, q, v), np.zeros(np.shape(t)))
-
     def ode(self) -> ODE:
         """Return the differential equation that the reference solvers integrate, for a solver of your own."""
         from .right_hand_side import ODE

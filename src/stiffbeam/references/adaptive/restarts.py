@@ -106,7 +106,7 @@ def scales_of(system: System, t_end: float) -> Scales:
     # S = soft soft^T, M^-1 = light light^T.
     light, soft = basis.shapes, basis.shapes / np.hypot(basis.omega, np.sqrt(2.0) / t_end)
     # Energy of the start, of the loads and of the moving stops.
-    energy = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
+    energy = float(sum(system.energies(0.0, system.q0, system.v0)))
     for vector, function in system.loads:
         root = float(np.max(np.abs(evaluate(function, t))) * np.linalg.norm(vector @ soft))
         energy += 0.5 * root * root
