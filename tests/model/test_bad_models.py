@@ -90,7 +90,6 @@ NO_BEAM = [
     (lambda: sb.Stops(upper=0.1, stiffness=1.0, motion=0.1), "stops.motion must be"),
     (lambda: sb.Contact(np.ones(3), replace(TIP, position=0.6)), "contact.stops.position must be None in a contact"),
     *((lambda name=name: sb.BeamProblem(**STRIP | {name: -1.0}), f"^{name} must") for name in STRIP),
-    (lambda: sb.modes(grid(), 0), "be an integer"), (lambda: sb.modes(grid(), 9), "be at most 8"),
     (lambda: sb.modal_damping(EYE, EYE, [0.1] * 3), "at most one"),
 ]  # fmt: skip
 NO_STOPS = [
@@ -174,4 +173,3 @@ def test_what_is_next_to_a_refusal_is_taken():
     for m in (*lists(100, -1e-12), *lists(100, -1e-3)):
         sb.System.from_matrices(np.eye(100), m, observe=np.eye(100)[0])
     assert sb.Sampled(T, np.ma.array(T, mask=False)) == sb.Sampled(T, T)
-    assert len(sb.modes(grid(), 8).omega) == 8

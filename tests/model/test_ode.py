@@ -44,16 +44,15 @@ def test_every_variant_is_the_law_written_down(law):
     traced = jax.jit(ode.jax)
     for _ in range(50):
         t, y = float(rng.uniform(0.0, 3.0)), rng.normal(size=4) * [0.2, 0.2, 2.0, 2.0]
-        q, v = ode.displacement(y), ode.velocity(y)
+        q, v = y[::2], y[1::2]
         rate = ode.rhs(t, y)
-        assert ode.displacement(rate) == pytest.approx(v, rel=1e-13)
-        assert np.array_equal(ode.state(q, v), y)
+        assert rate[::2] == pytest.approx(v, rel=1e-13)
         expected = acceleration(system, t, q, v)
-        assert ode.velocity(rate) == pytest.approx(expected, rel=1e-11, abs=1e-11)
-        rows = np.arange(12.0).reshape(3, 4)
-        assert np.array_equal(ode.displacement(rows.T), ode.displacement(rows))  # SciPy's shape
+        assert rate[1::2] == pytest.approx(expected, rel=1e-11, abs=1e-11)
+        times, rows = np.arange(3.0), np.arange(12.0).reshape(3, 4)
+        assert np.array_equal(ode.tip(times, rows.T), ode.tip(times, rows))  # SciPy's shape
         with pytest.raises(sb.InputError, match=r"states \(k, 4\) or \(4, k\)"):
-            ode.velocity(rows[:, :3])
+            ode.tip(times, rows[:, :3])
         assert np.asarray(traced(t, y)) == pytest.approx(rate, rel=1e-12, abs=1e-12)
         z = np.pad(y, (0, descriptor.size - 4))
         assert descriptor.rate(t, z)[:4] == pytest.approx(rate, rel=1e-11, abs=1e-11)

@@ -22,7 +22,7 @@ import scipy.linalg.lapack
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, Recent, content
-from ..basics.validation import InputError, integer, numbers
+from ..basics.validation import InputError, numbers
 from .equations import Equation
 from .problem import ratios_of
 from .system import System, require_system
@@ -100,14 +100,13 @@ class Modes:
         return vector @ self.shapes
 
 
-def modes(system: System, count: int | None = None) -> Modes:
+def modes(system: System) -> Modes:
     """Return the natural modes of a system away from its stops, whatever its damping.
 
     Parameters
     ----------
     system : System
-    count : int, optional
-        Number of the slowest modes; by default all. For models of thousands of unknowns see ``reduce_model``.
+        For models of thousands of unknowns see ``reduce_model``.
 
     Returns
     -------
@@ -116,7 +115,7 @@ def modes(system: System, count: int | None = None) -> Modes:
     Raises
     ------
     InputError
-        For anything but a System, and for more modes than there are.
+        For anything but a System.
 
     Examples
     --------
@@ -125,12 +124,7 @@ def modes(system: System, count: int | None = None) -> Modes:
     array([2.])
     """
     require_system(system)
-    if count is not None:
-        integer("count", count, 1)
-    found = decoupled_modes(system) or _complex_modes(system)
-    if count is not None and count > len(found.omega):
-        raise InputError("count", count, f"be at most {len(found.omega)}, all modes", "leave it out for all")
-    return replace(found, omega=found.omega[:count], shapes=found.shapes[:, :count], damping=found.damping[:count])
+    return decoupled_modes(system) or _complex_modes(system)
 
 
 def _kept(of_system: Callable[[System], Any]) -> Callable[[System], Any]:
@@ -259,13 +253,13 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
 
 def damping_of(basis: Modes, ratio: float | Sequence[float]) -> Array:
     """``modal_damping`` in known modes: in those of the system itself it couples none of them."""
-    ratios, modes = np.atleast_1d(ratios_of(ratio)), len(basis.omega)
-    if np.ndim(ratio) and len(ratios) > modes:
+    ratios, modes = ratios_of(ratio), len(basis.omega)
+    count = len(ratios) if isinstance(ratios, tuple) else modes
+    if count > modes:
         remedy = "leave the last ones out, or take more cells"
-        raise InputError("modal_damping", len(ratios), f"be at most one for each of {modes} modes", remedy)
-    of_modes = np.pad(ratios, (0, modes - len(ratios))) if np.ndim(ratio) else ratios
-    weighted = basis.mass @ basis.shapes
-    return (weighted * (2.0 * of_modes * basis.omega)) @ weighted.T
+        raise InputError("modal_damping", count, f"be at most one for each of {modes} modes", remedy)
+    weighted = (basis.mass @ basis.shapes)[:, :count]
+    return (weighted * (2.0 * np.array(ratios) * basis.omega[:count])) @ weighted.T
 
 
 def graded_eigenpairs(
@@ -318,43 +312,35 @@ def rounding_of_zero(terms: Array, n: int) -> Array:
 
 @np.errstate(over="ignore", invalid="ignore")  # refused by ``_within_float64``
 def uncoupled(damping: Any, X: Array, mass: Any, stiffness: Any, rigid: Array) -> Array:
-    """X^T C X (k, k) of a damping C in modes X (n, k) without the rounding of zero: entries beside the diagonal, and
-    those of rigid motions (k,). Matrices are dense or sparse."""
-    projected, n = _within_float64("damping", X.T @ (damping @ X)), len(X)
-    terms = np.abs(X.T) @ (abs(damping) @ np.abs(X))
-    # By the statistics of rounding, sqrt(n). On the diagonal entries stay: of slow motions they can be that small.
-    off, rounding = np.abs(projected), SUMMED * EPS * np.sqrt(n) * terms
-    beside = ~(np.eye(len(off), dtype=bool) | rigid[:, None] | rigid)
-    if np.any((off > rounding)[beside]):
-        off, sums = _of_exact_modes(projected, X, mass, stiffness)
-        rounding = rounding + SUMMED * EPS * np.sqrt(n) * sums
-    # Those of rigid motions by the full bound, diagonal included.
-    of_rigid = (rigid[:, None] | rigid) & (np.abs(projected) <= rounding_of_zero(terms, n))
-    return np.where(beside & (off <= rounding) | of_rigid, 0.0, projected)
+    """X^T C X (k, k) of a damping C in modes X (n, k) without the rounding of zero: entries beside the diagonal d, and
+    those of rigid motions (k,). Matrices are dense or sparse.
 
-
-def _of_exact_modes(projected: Array, X: Array, mass: Any, stiffness: Any) -> tuple[Array, Array]:
-    """Sizes of the entries of X^T C X beside its diagonal d without what inexact modes make of them; and of the terms
-    of C where it is a sum over modes: between two modes at the ends of a body these are larger than its entries.
-
-    G = X^T M X and S = X^T K X have entries beside their diagonals too. Damping that couples no modes then has, to
-    first order,
+    Modes are inexact: G = X^T M X and S = X^T K X have entries beside their diagonals too. Damping that couples none
+    then has, to first order,
 
         d_i G_ij + (S_ij - s_i G_ij) (d_i - d_j)/(s_i - s_j)    C = M f(M^-1 K), proportional damping for example
         (d_i + d_j) G_ij                                        C = M X diag(d) X^T M, made of these modes
 
     with the diagonal s of S. The lesser remainder counts.
     """
-    weighted = mass @ X
+    projected, weighted = _within_float64("damping", X.T @ (damping @ X)), mass @ X
     G, S = X.T @ weighted, X.T @ (stiffness @ X)
     d, s = np.diag(projected)[:, None], np.diag(S)[:, None]
-    apart = s - s.T
+    apart, size = s - s.T, np.abs(projected)
     slope = np.divide(d - d.T, apart, out=np.zeros_like(apart), where=apart != 0.0)
-    off = np.fmin(np.abs(projected - d * G - slope * (S - s * G)), np.abs(projected - (d + d.T) * G))
-    # Rows scaled by the masses, so that no square overflows.
+    rest = np.fmin(np.abs(projected - d * G - slope * (S - s * G)), np.abs(projected - (d + d.T) * G))
+    # The terms of the projection, and those of C where it is a sum over modes: between two modes at the ends of a body
+    # these are larger than its entries. Rows scaled by the masses, so that no square overflows.
+    terms = np.abs(X.T) @ (abs(damping) @ np.abs(X))
     unit, most = np.sqrt(mass.diagonal())[:, None], np.max(np.abs(d)) or 1.0
     overlap = ((unit * X) ** 2).T @ (np.divide(weighted, unit, out=np.zeros_like(X), where=unit > 0.0) ** 2)
-    return off, most * np.sqrt((overlap * (d.T / most) ** 2) @ overlap.T)
+    sums = most * np.sqrt((overlap * (d.T / most) ** 2) @ overlap.T)
+    # Rounding by its statistics, sqrt(n). On the diagonal entries stay: of slow motions they can be that small.
+    rounding = SUMMED * EPS * np.sqrt(len(X))
+    none = ((size <= rounding * terms) | (rest <= rounding * (terms + sums))) & ~np.eye(len(size), dtype=bool)
+    # Those of rigid motions by the full bound, diagonal included.
+    none = np.where(rigid[:, None] | rigid, size <= rounding_of_zero(terms, len(X)), none)
+    return np.where(none, 0.0, projected)
 
 
 def exact_product(*factors: Array) -> Array:

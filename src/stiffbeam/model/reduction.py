@@ -27,9 +27,8 @@ from ..basics.arrays import Array
 from ..basics.resources import afford
 from ..basics.validation import InputError, integer, vector
 from .contact import Contact
-from .modes import modal_damping as damping_of_modes
 from .modes import uncoupled
-from .system import ModelData, System, contacts_of, loads_of, symmetric, unsymmetric
+from .system import ModelData, System, asymmetry, contacts_of, loads_of
 from .time_functions import LoadFunction
 
 DENSE = 600  # unknowns up to which all modes are computed: Lanczos' method needs more than it looks for
@@ -45,7 +44,6 @@ def reduce_model(
     loads: Sequence[tuple[ArrayLike, LoadFunction]] = (),
     contacts: Sequence[Contact] = (),
     modes: int = 40,
-    modal_damping: float | Sequence[float] = 0.0,
     **data: Unpack[ModelData],
 ) -> tuple[System, Array]:
     """Return a large system reduced to natural modes and static deflections, and T (n, r) with q = T z.
@@ -60,8 +58,6 @@ def reduce_model(
         As for ``System.from_matrices``.
     modes : int
         Number of natural modes to keep.
-    modal_damping : float or sequence of float, optional
-        Damping ratio of every mode of the reduced system, or of its first ones; added to ``damping``.
     **data
         observe, initial_displacement, initial_velocity and units as for ``System.from_matrices``.
 
@@ -82,10 +78,8 @@ def reduce_model(
     --------
     >>> import numpy as np
     >>> import stiffbeam as sb
-    >>> n = 200
-    >>> stiffness = n**2 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
-    >>> contact = sb.Contact(np.eye(n)[-1], sb.Stops(upper=0.1, stiffness=1e4))
-    >>> system, basis = sb.reduce_model(np.eye(n), stiffness, contacts=[contact], modes=10)
+    >>> chain, end = 2.0 * np.eye(200) - np.eye(200, k=1) - np.eye(200, k=-1), np.eye(200)[-1]
+    >>> system, basis = sb.reduce_model(np.eye(200), chain, observe=end, modes=10)
     >>> system.size, basis.shape
     (11, (200, 11))
     """
@@ -97,17 +91,17 @@ def reduce_model(
     rows = [*(p for p, _ in pairs), *(contact.row for contact in all_contacts)]
     rows = np.array(rows + [vectors[x] for x in vectors if x == "observe"]).reshape(-1, n).T
     T, squares = _basis(M, K, rows, modes)
-    unit, stiff = np.eye(len(squares)), np.diag(squares)
-    C = damping_of_modes(unit, stiff, modal_damping)
+    C = np.zeros((len(squares), len(squares)))
     if damping is not None:  # without its rounding, so that what couples no modes couples none here
         D = _sparse("damping", damping)
-        reduced = uncoupled(D, T, M, K, squares == 0.0)
-        C = C + (reduced if (D != D.T).nnz else 0.5 * (reduced + reduced.T))
+        C = uncoupled(D, T, M, K, squares == 0.0)
+        C = C if (D != D.T).nnz else 0.5 * (C + C.T)
     # Initial data by projection.
     changed: Any = {name: T.T @ (x if name == "observe" else M @ x) for name, x in vectors.items()}
     reduced_loads = [(T.T @ p, f) for p, f in pairs]
     reduced_contacts = [replace(contact, row=T.T @ contact.row) for contact in all_contacts]
-    system = System.from_matrices(unit, stiff, C, reduced_loads, reduced_contacts, **(data | changed))
+    matrices = np.eye(len(squares)), np.diag(squares), C
+    system = System.from_matrices(*matrices, reduced_loads, reduced_contacts, **(data | changed))
     for name, x in vectors.items():
         norm = x @ (M @ x) if name != "observe" else 0.0
         lost = np.sqrt(max(0.0, 1.0 - changed[name] @ changed[name] / norm)) if norm > 0.0 else 0.0
@@ -120,11 +114,11 @@ def _sparse(name: str, matrix: Any) -> Any:
     """``matrix`` in SciPy's sparse columns; InputError where it is not square, or not symmetric as in a System."""
     try:
         sparse: Any = scipy.sparse.csc_array(matrix, dtype=float)
-        valid = name == "damping" or symmetric(sparse)
+        error = None if name == "damping" else asymmetry(name, sparse)
     except (TypeError, ValueError):
         raise InputError(name, matrix, "be a square matrix", "give one row and column for each unknown") from None
-    if not valid:
-        raise unsymmetric(name, sparse)
+    if error is not None:
+        raise error
     return sparse
 
 
@@ -141,19 +135,16 @@ def _basis(M: Any, K: Any, rows: Array, modes: int) -> tuple[Array, Array]:
     # Natural modes M x = x/w^2 K x by Lanczos' method, where it has room for more vectors than it looks for.
     n = M.shape[0]
     if n > DENSE and modes < np.unique(M.nonzero()[0]).size // 4:
-        inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=factor.solve)  # type: ignore[call-arg]
         start = np.random.default_rng(0).normal(size=n)  # the same modes in every process
-        T = scipy.sparse.linalg.eigsh(K, modes, M, sigma=0.0, OPinv=inverse, v0=start)[1]
+        T = scipy.sparse.linalg.eigsh(K, modes, M, sigma=0.0, v0=start)[1]
     else:
         afford("modes", modes, "ask for fewer", floats=4.0 * n * n)
         squares, shapes = scipy.linalg.eigh(M.toarray(), K.toarray())  # 1/w^2, zero of an unknown without mass
         rank, negative = (np.count_nonzero(sign * squares > ROUNDING * squares[-1]) for sign in (1, -1))
         if negative or modes >= rank:
-            rule, remedy = (
-                f"be positive semidefinite, of a rank above {modes}",
-                "ask for fewer modes, or look at its signs",
-            )
-            raise InputError("mass", f"rank {rank}, {negative} negative eigenvalues", rule, remedy)
+            rule = f"be positive semidefinite, of a rank above {modes}"
+            found = f"rank {rank}, {negative} eigenvalues below 0"
+            raise InputError("mass", found, rule, "ask for fewer modes, or look at its signs")
         T = shapes[:, -modes:] / np.sqrt(squares[-modes:])
     # Of the static deflection of every force what it has beside the modes, in the metric of M.
     for static in factor.solve(rows).T:

@@ -17,7 +17,6 @@ import scipy.sparse
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.text import several
 from ..basics.validation import InputError, require_jax_float64
 from ..kernels.library import Structure, address, library
 from .beam import velocity_curvature_matrices
@@ -326,8 +325,7 @@ class ODE:
     Attributes
     ----------
     y0 : (n,) array
-        The state at t = 0. ``displacement(y)`` and ``velocity(y)`` give q and q', ``state(q, v)`` the way back;
-        ``tip(t, y)`` the observed position. The order of the unknowns is (q_1, q'_1, q_2, q'_2, ...).
+        The state at t = 0, in the order (q_1, q'_1, q_2, q'_2, ...): q is y[::2], q' is y[1::2].
     bandwidths : (int, int) or None
         Lower and upper bandwidth of ``jac``; None where a banded solver does not pay.
     events : tuple of functions of (t, y)
@@ -356,9 +354,6 @@ class ODE:
         self.breakpoints = tuple(breakpoints_of(*system.drive.others).tolist())
         self.events = self._events()
 
-    def __repr__(self) -> str:
-        return f"<ODE of {self.system!r}: {several(self._n, 'unknown')}, {several(len(self.events), 'event')}>"
-
     def rhs(self, t: float, y: ArrayLike) -> Array:
         """Return f(t, y), (n,)."""
         return self._rhs.value(float(t), self._padded(y))[: self._n]
@@ -367,21 +362,13 @@ class ODE:
         """Return df/dy, (n, n)."""
         return self._rhs.jacobian(float(t), self._padded(y))[: self._n, : self._n]
 
-    def state(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the state y, (n,), of a displacement q and a velocity v, (dof,) each."""
-        return on_positions(np.asarray(q, float)) + on_velocities(np.asarray(v, float))
-
-    def displacement(self, y: ArrayLike) -> Array:
-        """Return q, (dof,) or (k, dof), of a state (n,) or of k states, (k, n) or as SciPy has them (n, k)."""
-        return self._states(y)[..., ::2]
-
-    def velocity(self, y: ArrayLike) -> Array:
-        """Return q' in the same way."""
-        return self._states(y)[..., 1::2]
-
     def tip(self, t: ArrayLike, y: ArrayLike) -> Array:
-        """Return the observed position, (k,), of k states at the times (k,)."""
-        times, states = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(self._states(y))
+        """Return the observed position, (k,), of k states at the times (k,): (k, n), or as SciPy has them (n, k)."""
+        times, states, n = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(np.asarray(y, float)), self._n
+        if states.shape not in ((len(times), n), (n, len(times))) or len(times) == n:
+            rule = f"be states (k, {n}) or ({n}, k) at another number k of times"
+            raise InputError("y", states.shape, rule, "take one time more or less")
+        states = states if states.shape[-1] == n else states.T
         return self.system.positions(times, states[:, ::2])[:, self.system.tip_channel]
 
     def segment(self, sides: ArrayLike) -> ODE:
@@ -425,14 +412,6 @@ class ODE:
             functions.append(function := partial(pressed, number))
             vars(function).update(contact=contact, side=side, direction=direction, terminal=terminal)
         return tuple(functions)
-
-    def _states(self, y: ArrayLike) -> Array:
-        """``y`` as (n,) or (k, n). Raises InputError where k = n leaves open which axis is which."""
-        states, n = np.asarray(y, float), self._n
-        if states.ndim not in (1, 2) or n not in states.shape or states.shape == (n, n):
-            rule = f"be a state ({n},) or states (k, {n}) or ({n}, k) with another k"
-            raise InputError("y", states.shape, rule, "take one time more or less")
-        return states if states.shape[-1] == n else states.T
 
     def _padded(self, y: ArrayLike) -> Array:
         """Return the state with the integrals of the ledger, which act on nothing."""

@@ -56,10 +56,11 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
         rule = "be a square matrix" if n is None else f"have shape ({n}, {n})"
         raise InputError(name, f"shape {dense.shape}", rule, "one row and one column per unknown")
     if not np.array_equal(dense, dense.T):
-        if symmetric(dense):
+        error = asymmetry(name, dense)
+        if error is None:
             dense = read_only(0.5 * (dense + dense.T))
         elif name != "damping":
-            raise unsymmetric(name, dense)
+            raise error
     if name == "mass":
         try:
             np.linalg.cholesky(dense)
@@ -74,14 +75,12 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     return dense
 
 
-def symmetric(matrix: Any) -> bool:
-    """True if a square matrix, dense or sparse, is symmetric to 1e-12 of its diagonal at each entry."""
+def asymmetry(name: str, matrix: Any) -> InputError | None:
+    """Error for a matrix, dense or sparse, that is not symmetric to rounding. Of a half, as FE programs write it,
+    0.5*(A + A.T) is wrong."""
     size, apart = np.sqrt(np.abs(matrix.diagonal())), scipy.sparse.coo_array(matrix - matrix.T)
-    return bool(np.all(np.abs(apart.data) <= 1e-12 * size[apart.row] * size[apart.col]))
-
-
-def unsymmetric(name: str, matrix: Any) -> InputError:
-    """Error for an unsymmetric matrix, dense or sparse. Of a half, as FE programs write it, 0.5*(A + A.T) is wrong."""
+    if np.all(np.abs(apart.data) <= 1e-12 * size[apart.row] * size[apart.col]):
+        return None
     half = any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1)))
     found = "one half of a matrix" if half else "an unsymmetric matrix"
     remedy = "both halves: A + A.T without A's diagonal once" if half else "the symmetric part 0.5*(A + A.T)"

@@ -167,7 +167,7 @@ class Sundials:
         if not self.rhs.in_python:
             return address
         kind = ctypes.CFUNCTYPE(INTEGER, DOUBLE, *arguments)
-        function = kind(address.value)
+        function = kind(address.value or 0)
 
         def asked(t: float, *rest: Any) -> int:
             try:
