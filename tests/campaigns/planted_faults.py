@@ -101,7 +101,7 @@ FAULTS = [
     ("model", "model/modes.py", "(size <= rounding * terms) | (rest <= rounding * (terms + sums))", "size <= rounding * terms"),
     ("model", "model/modes.py", "else replace(basis, damping=diagonal)", "else replace(basis, damping=0.5 * diagonal)"),
     ("model", "model/modes.py", "(2.0 * np.array(ratios) *", "(1.0 * np.array(ratios) *"),
-    ("model", "model/modes.py", "squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))", "shapes = back(vectors)"),
+    ("model", "model/modes.py", "squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, start)", "shapes = start"),
     ("model", "model/modes.py", "kept = np.imag(values) >= 0.0", "kept = np.imag(values) > 0.0"),
     ("model", "model/modes.py", "values = values + np.where(single", "values = values - 0.0 * np.where(single"),
     ("model", "model/members.py", "(members, 2, system.size))", "(1, 2, system.size)).repeat(members, 0)"),

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce, wraps
+from functools import reduce, wraps
 from operator import mul
 from threading import Lock
 from typing import Any
@@ -142,16 +142,17 @@ def _kept(of_system: Callable[[System], Any]) -> Callable[[System], Any]:
 @np.errstate(over="ignore")  # refused by ``_within_float64``
 def undamped_modes(system: System) -> Modes:
     """The modes of ``system`` without its damping, which always decouple."""
-    into, back = _root(system.mass)
     factor = system.stiffness_factor
     # A start by singular values of a factor of K, which lose w_max/w_1 instead of its square, or by eigenvalues.
-    if factor is not None:
-        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
-        squares, vectors = omega[::-1] ** 2, vectors[::-1].T
+    if factor is None:
+        squares, start = scipy.linalg.eigh(system.stiffness, system.mass)
     else:
-        scaled = 0.5 * into(into(system.stiffness).T)
-        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
-    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))
+        upper = scipy.linalg.cholesky(system.mass)
+        scaled = scipy.linalg.solve_triangular(upper, factor.T, trans=1).T
+        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", scaled), full_matrices=False)
+        squares, start = omega[::-1] ** 2, scipy.linalg.solve_triangular(upper, vectors[::-1].T)
+    squares = _within_float64("stiffness", squares)
+    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, start)
     omega = np.sqrt(np.maximum(squares, 0.0))
     shapes = shapes * np.where(_largest(shapes) < 0.0, -1.0, 1.0)  # equal systems have equal modes
     return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
@@ -212,12 +213,6 @@ def _within_float64(name: str, scaled: Array) -> Array:
         remedy = "count length, time or mass in other units"
         raise InputError(name, "1e300 or more beside its mass", "be in the range of float64 over the mass", remedy)
     return scaled
-
-
-def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """x -> R^-T x and x -> R^-1 x of M = R^T R."""
-    solve = partial(scipy.linalg.solve_triangular, scipy.linalg.cholesky(mass), check_finite=False)
-    return partial(solve, trans=1), solve
 
 
 def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence[float]) -> Array:
