@@ -1,39 +1,28 @@
-"""Build backend: hatchling, which compiles the kernels to one shared library, for all versions of Python.
-
-Only where the machine has no C compiler is one asked for, as a wheel (ziglang).
-"""
+"""Build hook of hatchling: the kernels as one shared library, for all versions of Python."""
 
 from __future__ import annotations
 
+import runpy
 import sysconfig
+from pathlib import Path
 from typing import Any
 
-import compile as compilation  # by backend-path: without the package and what it imports
-from hatchling.build import *  # noqa: F403
-from hatchling.build import get_requires_for_build_editable as editable_requirements
-from hatchling.build import get_requires_for_build_wheel as wheel_requirements
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-SETTINGS = dict[str, Any] | None
-COMPILER = [] if compilation.compiler() else ["ziglang==0.16.0"]
-
-
-def get_requires_for_build_wheel(config_settings: SETTINGS = None) -> list[str]:
-    """Requirements of a wheel."""
-    return [*wheel_requirements(config_settings), *COMPILER]
-
-
-def get_requires_for_build_editable(config_settings: SETTINGS = None) -> list[str]:
-    """Requirements of an editable installation."""
-    return [*editable_requirements(config_settings), *COMPILER]
+# By its path: without the package and what it imports.
+COMPILE = runpy.run_path(str(Path(__file__).parent / "stiffbeam" / "kernels" / "compile.py"))
 
 
 class Kernels(BuildHookInterface[Any]):
     """Compile the kernels next to their sources, and put the library into the wheel."""
 
+    def dependencies(self) -> list[str]:
+        """A compiler as a wheel, only where the machine has none."""
+        return [] if COMPILE["compiler"]() else ["ziglang==0.16.0"]
+
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """See hatchling: called before a wheel is put together."""
-        library = compilation.build()
+        library = COMPILE["build"]()
         build_data["pure_python"] = False
         # No part of Python's API is used: one wheel for all its versions.
         build_data["tag"] = "py3-none-" + sysconfig.get_platform().replace("-", "_").replace(".", "_")

@@ -10,12 +10,11 @@ from scipy.integrate import quad
 
 import stiffbeam as sb
 from stiffbeam.measures.errors import Order
-from stiffbeam.model.beam import natural_frequencies, roots
 from stiffbeam.schemes import PrintedSigma, PrintedStageMatrix, UnweightedHHT
 from stiffbeam.studies.converge import orders
 
 from .no_contact import mode
-from .table import drive_of
+from .table import drive_of, roots
 
 
 def forced_order(scheme: sb.Scheme) -> Order:
@@ -106,7 +105,7 @@ def _impacts() -> str:
 def _mass_for_stiffness() -> str:
     """(4.12) as printed on one mode: with K = i w its matrix is M = 1 - (2 dt/3) i w, near 1, not i w."""
     case, scheme = sb.paper_case(8), sb.SDIRK(1.0)
-    first, _ = natural_frequencies(case.beam, 2)
+    first = roots(1)[0] ** 2 * np.sqrt(case.beam.stiffness)
     turn = []
     for rate in (1j * first, 1.0 - 2.0 * case.dt / 3.0 * 1j * first):
         z = rate * case.dt
@@ -124,7 +123,7 @@ def _spurious_factor() -> str:
     Of y' = z y/dt: (1 - s z + s^2 z^2) r^2 = 4/3 r - 1/3 with s = 2/3.
     """
     case, s = sb.paper_case(1), 2.0 / 3.0
-    first, second = 1j * natural_frequencies(case.beam, 2) * case.dt
+    first, second = 1j * roots(2) ** 2 * np.sqrt(case.beam.stiffness) * case.dt
 
     def root(z: complex) -> complex:
         return max(np.roots([1.0 - s * z + (s * z) ** 2, -4.0 / 3.0, 1.0 / 3.0]), key=abs)

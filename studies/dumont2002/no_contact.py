@@ -8,11 +8,10 @@ from numpy.typing import ArrayLike
 import stiffbeam as sb
 from stiffbeam.basics.arrays import Array
 from stiffbeam.figures.chart import Figure, new_figure
-from stiffbeam.model.beam import roots
 from stiffbeam.schemes.labels import parse_run
 
 from .figures import style
-from .table import Reading, equation_of
+from .table import Reading, equation_of, roots
 
 STIFFNESS, CELLS, DT = 8000.0, 25, 1e-3  # the paper's k^2, 1/h and dt
 T_END = 6.0  # not stated; about two periods of the load, 300 of the beam's first mode

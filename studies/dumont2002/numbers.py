@@ -13,10 +13,9 @@ import stiffbeam as sb
 from stiffbeam.basics.arrays import Array
 from stiffbeam.basics.text import plain
 from stiffbeam.measures.report import DASH
-from stiffbeam.model.beam import natural_frequencies
 from stiffbeam.model.members import SPREAD
 
-from .table import Table, equations
+from .table import Table, equations, roots
 
 MEMBERS, EXACT_MEMBERS = 32, 12  # an exact member costs up to a hundred times a run
 PERIODS = 10  # of the drive, at least, that every ensemble spans
@@ -50,7 +49,7 @@ def numbers_of(table: Table, members: int = MEMBERS, exact_members: int = EXACT_
 def _shared(table: Table, motion: sb.Trajectory, t: Array, v: Array) -> Numbers:
     """Contact of a run or of a true motion, and its rms tip velocity from frequencies above the second natural one."""
     rates, speed = amplitude_spectrum(t, v, table.drive)
-    fast = speed[rates > natural_frequencies(table.case.beam, 2)[1]]
+    fast = speed[rates > roots(2)[1] ** 2 * np.sqrt(table.case.beam.stiffness)]
     contact = motion.contacts[0]
     return {
         "impacts": contact.impacts.count, "fraction": contact.fraction, "peak_force": contact.peak_force,

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from scipy.optimize import brentq
+
 import stiffbeam as sb
+from stiffbeam.basics.arrays import Array
 from stiffbeam.basics.validation import one_of
 from stiffbeam.files.cases import Case
 from stiffbeam.march.treatment import TREATMENTS
@@ -120,3 +124,9 @@ def make_table(case: Case, reading: Reading) -> Table:
         except sb.Diverged as error:
             failures[equation] = str(error)
     return Table(case, reading, systems, true, horizons, runs, failures)
+
+
+def roots(count: int) -> Array:
+    """l_1 .. l_count with cos l cosh l = -1: the clamped-free beam; w_i = l_i^2 k."""
+    centres = (np.arange(1, count + 1) - 0.5) * np.pi  # the i-th root is within 0.31 of it
+    return np.array([brentq(lambda x: np.cos(x) + 1.0 / np.cosh(x), c - 0.5, c + 0.5, xtol=1e-15) for c in centres])

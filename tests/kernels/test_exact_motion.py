@@ -9,7 +9,7 @@ from systems import case_of
 from witness import solve
 
 import stiffbeam as sb
-from stiffbeam.kernels.exact import Follower, Marks
+from stiffbeam.kernels.library import Follower, Marks
 from stiffbeam.references.exact.motion import Motion, Solver
 from stiffbeam.references.exact.tangent import Variation
 

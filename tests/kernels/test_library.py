@@ -10,8 +10,7 @@ import pytest
 
 import stiffbeam as sb
 from stiffbeam.kernels import compile as compilation
-from stiffbeam.kernels.library import address
-from stiffbeam.kernels.march import contact_forces, states
+from stiffbeam.kernels.library import address, contact_forces, states
 
 TESTS = Path(__file__).parents[1]
 CHOSEN = [  # nine lines in ten of the kernels in half a minute

@@ -91,7 +91,6 @@ NO_BEAM = [
     (lambda: sb.Stops(upper=0.1, stiffness=1.0, motion=0.1), "stops.motion must be"),
     (lambda: sb.Contact(np.ones(3), replace(TIP, position=0.6)), "contact.stops.position must be None in a contact"),
     *((lambda name=name: sb.BeamProblem(**STRIP | {name: -1.0}), f"^{name} must") for name in STRIP),
-    (lambda: sb.modes(grid(), 0), "be an integer"), (lambda: sb.modes(grid(), 9), "be at most 8"),
     (lambda: sb.modal_damping(EYE, EYE, [0.1] * 3), "at most one"),
 ]  # fmt: skip
 NO_STOPS = [
@@ -127,7 +126,7 @@ NO_SYSTEM = [
     *((lambda m=m: sb.System.from_matrices(m, np.eye(100), observe=np.eye(100)[0]), "positive definite")
       for m in lists(100, 1e-9)),
     *((lambda given=given: reduced(*given, row=(1.0, 0.0)),
-       rf"{name} must be symmetric, .*give both halves: A \+ A\.T without")
+       rf"{name} must be symmetric to .*give both halves: A \+ A\.T without")
       for name, given in (("mass", (HALF, EYE)), ("stiffness", (EYE, HALF)))),
     (lambda: sb.System.from_matrices(HALF, EYE, observe=[1.0, 0.0]), r"mass must be symmetric to .*give both halves"),
     (lambda: reduced(EYE, [[1.0, 1.0], [0.5, 1.0]], row=(1.0, 0.0)),
@@ -136,7 +135,7 @@ NO_SYSTEM = [
     (lambda: reduced(np.eye(4), np.diag([1.0, 1.0, 1.0, 0.0])), "hold the system"),
     (lambda: reduced(np.eye(4), np.eye(4), row=(1.0, 0.0)), "observe must be 4 finite"),
     (lambda: reduced(np.diag([1.0, 1.0, -1.0, 1.0]), np.eye(4)), "positive semidefinite"),
-    (lambda: reduced(np.diag([1.0, 0.0, 0.0, 1.0]), np.eye(4), modes=2), "rank of the mass matrix, 2"),
+    (lambda: reduced(np.diag([1.0, 0.0, 0.0, 1.0]), np.eye(4), modes=2), "of a rank above 2, got 'rank 2, "),
 ]  # fmt: skip
 NO_FUNCTION = [
     (lambda: sb.Harmonic(math.nan, 1.0), "^amplitude"), (lambda: sb.Harmonic(1.0, 0.0), "^frequency"),
@@ -175,4 +174,3 @@ def test_what_is_next_to_a_refusal_is_taken():
     for m in (*lists(100, -1e-12), *lists(100, -1e-3)):
         sb.System.from_matrices(np.eye(100), m, observe=np.eye(100)[0])
     assert sb.Sampled(T, np.ma.array(T, mask=False)) == sb.Sampled(T, T)
-    assert len(sb.modes(grid(), 8).omega) == 8

@@ -11,10 +11,9 @@ import pytest
 from law_systems import Witness, random_system
 
 import stiffbeam as sb
-from stiffbeam.kernels.march import contact_forces
-from stiffbeam.kernels.rhs import THROUGH
+from stiffbeam.kernels.library import contact_forces
 from stiffbeam.model import contact
-from stiffbeam.model.right_hand_side import contact_force
+from stiffbeam.model.right_hand_side import THROUGH, contact_force
 from stiffbeam.references.adaptive.diffrax import float64_on_the_processor
 
 

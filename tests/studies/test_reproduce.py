@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from oracles import beam_roots
 
 import stiffbeam as sb
 from dumont2002 import claims as judging
@@ -31,9 +32,8 @@ from dumont2002.numbers import above, numbers_of
 from dumont2002.page import DOI
 from dumont2002.references import STORE
 from dumont2002.reproduce import TABLES, reproduce
-from dumont2002.table import Reading, drive_of, make_table
+from dumont2002.table import Reading, drive_of, make_table, roots
 from stiffbeam.files.cases import paper_cases
-from stiffbeam.model.beam import roots
 from stiffbeam.model.problem import PointLoad
 from stiffbeam.schemes import GAMMA_THIRD_ORDER
 from stiffbeam.schemes.labels import parse_run
@@ -156,6 +156,14 @@ def test_what_is_inferred_is_noted_with_its_reason():
 
 
 # ---------------------------------------------------------------- Section 5.1
+
+
+def test_the_roots_solve_the_frequency_equation():
+    found = roots(12)
+    assert np.allclose(found[:3], [1.875104068711961, 4.694091132974175, 7.854757438237613], rtol=1e-15)
+    assert np.allclose(found[:2] ** 2, [3.5160, 22.0345], atol=5e-5)  # the paper prints 3.5148 and 22.3480
+    assert np.max(np.abs(np.cos(found) + 1.0 / np.cosh(found))) < 1e-14
+    assert np.allclose(found, beam_roots(12), rtol=1e-14)
 
 
 def test_the_load_of_section_5_1_makes_its_solution_exact():

@@ -23,7 +23,8 @@ def runge_kutta(system, dt, t_end):
         k2 = ode.rhs(t + dt / 2, y + dt / 2 * k1)
         k3 = ode.rhs(t + dt / 2, y + dt / 2 * k2)
         states.append(y + dt / 6 * (k1 + 2.0 * k2 + 2.0 * k3 + ode.rhs(t + dt, y + dt * k3)))
-    return times, ode.displacement(states), ode.velocity(states)
+    states = np.array(states)
+    return times, states[:, ::2], states[:, 1::2]
 
 
 def recorded(system, dt, t_end, name="radau"):

@@ -73,9 +73,7 @@ class Matrices:
         """The system of these matrices, loads and contacts."""
         given = dict(vars(self))
         modes, ratios = given.pop("modes"), given.pop("modal_damping")
-        if modes is not None:
-            return reduce_model(**given, modes=modes, modal_damping=ratios)[0]
-        system = System.from_matrices(**given)
+        system = System.from_matrices(**given) if modes is None else reduce_model(**given, modes=modes)[0]
         if np.any(ratios):
             added = modal_damping(system.mass, system.stiffness, ratios)
             system = replace(system, damping=system.damping + added)

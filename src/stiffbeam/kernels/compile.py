@@ -14,7 +14,6 @@ import sys
 import sysconfig
 import tempfile
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
@@ -66,11 +65,7 @@ def build(target: Path | None = None, more: Sequence[str] = ()) -> Path:
         raise ImportError("The kernels of stiffbeam need a C compiler: install gcc or clang, or `pip install ziglang`.")
     files = [str(x) for x in sources() if x.suffix == ".c"]
     clones = CLONES if platform.machine() in ("x86_64", "AMD64") else []
-    try:
-        scratch = tempfile.TemporaryDirectory(dir=path.parent)
-    except OSError as error:
-        raise ImportError(f"The kernels of stiffbeam cannot be built: {path.parent} is not writable.") from error
-    with scratch as folder:
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         made = os.path.join(folder, path.name)
         message = ""
         for hot in [*([x] for x in clones), []]:
@@ -82,8 +77,4 @@ def build(target: Path | None = None, more: Sequence[str] = ()) -> Path:
         else:
             raise ImportError(f"The kernels of stiffbeam do not compile with {shlex.join(command)}: {message}")
         os.replace(made, path)
-    if target is None:
-        for old in set(FOLDER.glob("kernels-*.so")) - {path}:
-            with suppress(OSError):
-                old.unlink()
     return path

@@ -35,8 +35,6 @@ typedef struct {
     const double *given SHAPE(3, called); /* functions of the caller, with two derivatives */
 } Equations;
 
-/* y' (n,), or E y' with a mass. */
-API void state_rate(double t, const double *y, double *out, const Equations *e);
 /* z' (size,). */
 API void right_hand_side(double t, const double *z, double *out, const Equations *e);
 /* J[first + i + j stride] += cj E_ij + sign df_i/dz_j, the rows of the integrals left as they are. */

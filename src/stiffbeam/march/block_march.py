@@ -10,9 +10,9 @@ import numpy as np
 
 from ..basics.arrays import Array, aligned, copied
 from ..basics.resources import afford
-from ..kernels import march as kernel
-from ..kernels.march import EVENT, LINEAR, TALLY, contact_forces
-from ..kernels.march import states as single_steps
+from ..kernels import library as kernel
+from ..kernels.library import EVENT, LINEAR, TALLY, contact_forces
+from ..kernels.library import states as single_steps
 from ..model.contact import Law, laws, side_at_start
 from ..model.system import System
 from ..model.time_functions import evaluate

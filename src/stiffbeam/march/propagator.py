@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, aligned, copied, padded
-from ..kernels.march import BLOCK, BY_LAW, DRIVE, MEAN
+from ..kernels.library import BLOCK, BY_LAW, DRIVE, MEAN
 from ..model.equations import Equation
 from ..model.modes import Modes
 from ..model.system import System

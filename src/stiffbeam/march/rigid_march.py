@@ -9,7 +9,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..kernels.march import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, rigid_steps
+from ..kernels.library import AT_A_STOP, OVERFLOW, WHERE_CLOSED, WHERE_PREDICTED, rigid_steps
 from ..model.contact import Contact, Stops
 from ..model.modes import decoupled_modes
 from ..model.system import System

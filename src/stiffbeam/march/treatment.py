@@ -8,7 +8,7 @@ import numpy as np
 
 from ..basics.arrays import Array
 from ..basics.validation import InputError
-from ..kernels.march import BY_LAW, LINEAR, MEAN
+from ..kernels.library import BY_LAW, LINEAR, MEAN
 from ..model.contact import on_rigid_stops
 from ..model.system import System
 from ..schemes import RIGID as RIGID_SCHEMES

@@ -1,4 +1,4 @@
-"""A beam along x: its fields between the nodes, its stencils, and without contact its motion in closed form.
+"""A beam along x: its fields between the nodes and its stencils.
 
 Displacement and velocity are those of a spline or of cubic Hermite elements: in an element of length h,
 s = x/h, with v_0' = v_x at its left node,
@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from ..basics.arrays import Array
 from ..basics.validation import InputError, numbers
 from .problem import BeamProblem
-from .time_functions import Harmonic
 
 HELD = {"free": (), "pinned": (0,), "clamped": (0, 1)}
 
@@ -88,51 +87,3 @@ def velocity_curvature_matrices(M: int, length: float = 1.0) -> tuple[Array, Arr
     R = np.eye(M) - 2.0 * np.eye(M, k=1) + np.eye(M, k=2)  # acts on w_0..w_{M-1}; w_M = 2 phi/L^2 is a load
     R[-1, -2:] = (-0.5, 4.0)  # (3.10)
     return P, Q, L / h**2, R / h**2
-
-
-# ---------------------------------------------------------------- without contact, in closed form
-
-
-def roots(count: int) -> Array:
-    """l_1 .. l_count with cos l cosh l = -1: the clamped-free beam; w_i = l_i^2 k (Dumont, Section 5.1)."""
-    from scipy.optimize import brentq
-
-    f = lambda x: np.cos(x) + 1.0 / np.cosh(x)  # noqa: E731  bounded for large x
-    # The i-th root is within 0.31 of (i - 1/2) pi.
-    centres = (np.arange(1, count + 1) - 0.5) * np.pi
-    # Centres are pi apart, so that half a unit to each side holds one root.
-    return np.array([brentq(f, c - 0.5, c + 0.5, xtol=1e-15) for c in centres])
-
-
-def natural_frequencies(problem: BeamProblem, count: int) -> Array:
-    """w_i = l_i^2 sqrt(EI/(m L^4)) of the undamped clamped-free beam, the paper's l_i^2 k.
-
-    Raises InputError for another beam.
-    """
-    _papers(problem)
-    return roots(count) ** 2 * np.sqrt(problem.stiffness / problem.mass_per_length) / problem.length**2
-
-
-def tip_response(problem: BeamProblem) -> complex:
-    """The complex ratio of tip and base in the steady motion u(L, t) = Im(ratio E e^{i (a t + phase)}).
-
-    ratio = (cos l + cosh l)/(1 + cos l cosh l), l^4 = m L^4 a^2/(EI + i a eta): the solution of
-    (EI + i a eta) u'''' = m a^2 u, u(0) = 1, u'(0) = u''(L) = u'''(L) = 0. Raises InputError unless the base
-    is Harmonic and the only drive of a clamped-free beam.
-    """
-    _papers(problem)
-    if not isinstance(problem.base, Harmonic) or problem.loads:
-        remedy = "take stiffbeam.reference for other drives"
-        raise InputError("problem", "its drive", "be a harmonic base and no loads for the closed form", remedy)
-    a = problem.base.frequency
-    inertia = problem.mass_per_length * problem.length**4 * a**2
-    root = (inertia / complex(problem.stiffness, a * problem.viscosity)) ** 0.25
-    return complex((np.cos(root) + np.cosh(root)) / (1.0 + np.cos(root) * np.cosh(root)))
-
-
-def _papers(problem: BeamProblem) -> None:
-    """Raise InputError unless the ends and the damping are those of the paper's beam."""
-    for name in (*problem.for_elements, "tip_mass", "mass_damping"):
-        if name in problem.for_elements or getattr(problem, name):
-            rule, remedy = "be left out for the closed form", "take stiffbeam.reference for other beams"
-            raise InputError(name, getattr(problem, name), rule, remedy)

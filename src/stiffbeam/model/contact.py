@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array
 from ..basics.validation import Frozen, InputError, instance, number, vector
-from ..kernels.march import LAW, contact_forces
+from ..kernels.library import LAW, contact_forces
 from .time_functions import TimeFunction, evaluate, time_function
 
 # Parameters beside the stiffness, in the order of ``Law``, each with its value in the linear law.

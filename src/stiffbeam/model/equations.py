@@ -118,10 +118,8 @@ def _flow(mass: Array, damping: Array, stiffness: Array, t: float) -> tuple[Arra
     # One exponential gives all three: that of [[A, B, 0], [0, 0, I], [0, 0, 0]], with A and B times t (Van Loan).
     whole = np.zeros((*mass.shape[:-2], 4 * n, 4 * n))
     whole[..., :n, n : 2 * n] = fastest * t * np.eye(n)
-    whole[..., n : 2 * n, :n], whole[..., n : 2 * n, n : 2 * n] = (
-        -t * inverse @ stiffness / fastest,
-        -t * inverse @ damping,
-    )
+    whole[..., n : 2 * n, :n] = -t * inverse @ stiffness / fastest
+    whole[..., n : 2 * n, n : 2 * n] = -t * inverse @ damping
     whole[..., n : 2 * n, 2 * n : 3 * n] = whole[..., 2 * n : 3 * n, 3 * n :] = np.eye(n)
     E, P, Q = np.split(scipy.linalg.expm(whole)[..., : 2 * n, :], [2 * n, 3 * n], axis=-1)
     unit = np.concatenate([np.ones_like(fastest), fastest], axis=-1).repeat(n, axis=-1)

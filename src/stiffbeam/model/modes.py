@@ -11,7 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, wraps
+from functools import reduce, wraps
+from operator import mul
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -20,7 +22,7 @@ import scipy.linalg.lapack
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, Recent, content
-from ..basics.validation import InputError, integer, numbers
+from ..basics.validation import InputError, numbers
 from .equations import Equation
 from .problem import ratios_of
 from .system import System, require_system
@@ -28,10 +30,11 @@ from .system import System, require_system
 EPS = float(np.finfo(float).eps)
 PASSES = 5
 GRADED = 0.5  # least eigenvalue of S with its diagonal scaled to ones: from there on all squares have their digits
-SLICES = 6  # of the digits of a factor, more than 20 bits each
+BITS = 200  # of products of matrices whose sums cancel
 SMALL = 100  # unknowns up to which all pairs are refined
 SUMMED = 8.0  # times sqrt(n) eps of its terms: more than twice what sums of n^2 of them have been seen to lose
 ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that much are left as they are
+_PRECISION = Lock()  # of flint, which has one for all threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +100,13 @@ class Modes:
         return vector @ self.shapes
 
 
-def modes(system: System, count: int | None = None) -> Modes:
+def modes(system: System) -> Modes:
     """Return the natural modes of a system away from its stops, whatever its damping.
 
     Parameters
     ----------
     system : System
-    count : int, optional
-        Number of the slowest modes; by default all. For models of thousands of unknowns see ``reduce_model``.
+        For models of thousands of unknowns see ``reduce_model``.
 
     Returns
     -------
@@ -113,7 +115,7 @@ def modes(system: System, count: int | None = None) -> Modes:
     Raises
     ------
     InputError
-        For anything but a System, and for more modes than there are.
+        For anything but a System.
 
     Examples
     --------
@@ -122,12 +124,7 @@ def modes(system: System, count: int | None = None) -> Modes:
     array([2.])
     """
     require_system(system)
-    if count is not None:
-        integer("count", count, 1)
-    found = decoupled_modes(system) or _complex_modes(system)
-    if count is not None and count > len(found.omega):
-        raise InputError("count", count, f"be at most {len(found.omega)}, all modes", "leave it out for all")
-    return replace(found, omega=found.omega[:count], shapes=found.shapes[:, :count], damping=found.damping[:count])
+    return decoupled_modes(system) or _complex_modes(system)
 
 
 def _kept(of_system: Callable[[System], Any]) -> Callable[[System], Any]:
@@ -145,16 +142,17 @@ def _kept(of_system: Callable[[System], Any]) -> Callable[[System], Any]:
 @np.errstate(over="ignore")  # refused by ``_within_float64``
 def undamped_modes(system: System) -> Modes:
     """The modes of ``system`` without its damping, which always decouple."""
-    into, back = _root(system.mass)
     factor = system.stiffness_factor
     # A start by singular values of a factor of K, which lose w_max/w_1 instead of its square, or by eigenvalues.
-    if factor is not None:
-        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", into(factor.T).T), full_matrices=False)
-        squares, vectors = omega[::-1] ** 2, vectors[::-1].T
+    if factor is None:
+        squares, start = scipy.linalg.eigh(system.stiffness, system.mass)
     else:
-        scaled = 0.5 * into(into(system.stiffness).T)
-        squares, vectors = scipy.linalg.eigh(_within_float64("stiffness", scaled + scaled.T))
-    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, back(vectors))
+        upper = scipy.linalg.cholesky(system.mass)
+        scaled = scipy.linalg.solve_triangular(upper, factor.T, trans=1).T
+        _, omega, vectors = scipy.linalg.svd(_within_float64("stiffness", scaled), full_matrices=False)
+        squares, start = omega[::-1] ** 2, scipy.linalg.solve_triangular(upper, vectors[::-1].T)
+    squares = _within_float64("stiffness", squares)
+    squares, shapes = graded_eigenpairs(system.mass, system.stiffness, factor, squares, start)
     omega = np.sqrt(np.maximum(squares, 0.0))
     shapes = shapes * np.where(_largest(shapes) < 0.0, -1.0, 1.0)  # equal systems have equal modes
     return Modes(np.ascontiguousarray(omega), shapes, damping=np.zeros(len(omega)), mass=system.mass)
@@ -217,17 +215,6 @@ def _within_float64(name: str, scaled: Array) -> Array:
     return scaled
 
 
-def _root(mass: Array) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
-    """x -> R^-T x and x -> R^-1 x of M = R^T R."""
-    diagonal = np.diag(mass)
-    # n entries of a definite matrix stand on its diagonal, which has none that is zero.
-    if np.count_nonzero(mass) == len(mass):
-        root = np.sqrt(diagonal)[:, None]
-        return lambda x: x / root, lambda x: x / root
-    upper = scipy.linalg.cholesky(mass)
-    return partial(scipy.linalg.solve_triangular, upper, trans=1), partial(scipy.linalg.solve_triangular, upper)
-
-
 def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence[float]) -> Array:
     """Return C = M Phi diag(2 zeta_j omega_j) Phi^T M, Phi^T M Phi = I: damping that keeps the natural modes.
 
@@ -261,19 +248,13 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
 
 def damping_of(basis: Modes, ratio: float | Sequence[float]) -> Array:
     """``modal_damping`` in known modes: in those of the system itself it couples none of them."""
-    weighted = basis.mass @ basis.shapes
-    return (weighted * (2.0 * damping_ratios(ratio, len(basis.omega)) * basis.omega)) @ weighted.T
-
-
-def damping_ratios(ratio: float | Sequence[float], modes: int) -> Array:
-    """zeta of every mode, (modes,): ``ratio`` for all of them, or a sequence for the first ones. Raises InputError."""
-    ratios = ratios_of(ratio)
-    if not isinstance(ratios, tuple):
-        return np.full(modes, ratios)
-    if len(ratios) > modes:
+    ratios, modes = ratios_of(ratio), len(basis.omega)
+    count = len(ratios) if isinstance(ratios, tuple) else modes
+    if count > modes:
         remedy = "leave the last ones out, or take more cells"
-        raise InputError("modal_damping", len(ratios), f"be at most one for each of {modes} modes", remedy)
-    return np.pad(ratios, (0, modes - len(ratios)))
+        raise InputError("modal_damping", count, f"be at most one for each of {modes} modes", remedy)
+    weighted = (basis.mass @ basis.shapes)[:, :count]
+    return (weighted * (2.0 * np.array(ratios) * basis.omega[:count])) @ weighted.T
 
 
 def graded_eigenpairs(
@@ -297,14 +278,13 @@ def graded_eigenpairs(
     for _ in range(PASSES):
         # S = X^T K X, and its rounding by the size of the terms that are summed.
         if factor is None:
-            S, terms = congruence(stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
+            S, terms = exact_product(X.T, stiffness, X), np.sum(np.abs(X) * (np.abs(stiffness) @ np.abs(X)), axis=0)
             rounding = rounding_of_zero(terms, len(mass))
         else:
-            S, terms = gram(*product(factor, X)), np.sum((np.abs(factor) @ np.abs(X)) ** 2, axis=0)
+            S, terms = exact_product(X.T, factor.T, factor, X), np.sum((np.abs(factor) @ np.abs(X)) ** 2, axis=0)
             rounding = rounding_of_zero(np.sqrt(terms), len(mass)) ** 2
         # R = U^T U makes one symmetric matrix of the pair: U^-T S U^-1.
-        R = congruence(mass, X)
-        upper = scipy.linalg.cholesky(0.5 * (R + R.T))
+        upper = scipy.linalg.cholesky(exact_product(X.T, mass, X))
         S = scipy.linalg.solve_triangular(upper, S, trans=1)
         S = scipy.linalg.solve_triangular(upper, S.T, trans=1)
         # Its pairs, and their vectors back in the space of X.
@@ -327,83 +307,44 @@ def rounding_of_zero(terms: Array, n: int) -> Array:
 
 @np.errstate(over="ignore", invalid="ignore")  # refused by ``_within_float64``
 def uncoupled(damping: Any, X: Array, mass: Any, stiffness: Any, rigid: Array) -> Array:
-    """X^T C X (k, k) of a damping C in modes X (n, k) without the rounding of zero: entries beside the diagonal, and
-    those of rigid motions (k,). Matrices are dense or sparse."""
-    projected, n = _within_float64("damping", X.T @ (damping @ X)), len(X)
-    terms = np.abs(X.T) @ (abs(damping) @ np.abs(X))
-    # By the statistics of rounding, sqrt(n). On the diagonal entries stay: of slow motions they can be that small.
-    off, rounding = np.abs(projected), SUMMED * EPS * np.sqrt(n) * terms
-    beside = ~(np.eye(len(off), dtype=bool) | rigid[:, None] | rigid)
-    if np.any((off > rounding)[beside]):
-        off, sums = _of_exact_modes(projected, X, mass, stiffness)
-        rounding = rounding + SUMMED * EPS * np.sqrt(n) * sums
-    # Those of rigid motions by the full bound, diagonal included.
-    of_rigid = (rigid[:, None] | rigid) & (np.abs(projected) <= rounding_of_zero(terms, n))
-    return np.where(beside & (off <= rounding) | of_rigid, 0.0, projected)
+    """X^T C X (k, k) of a damping C in modes X (n, k) without the rounding of zero: entries beside the diagonal d, and
+    those of rigid motions (k,). Matrices are dense or sparse.
 
-
-def _of_exact_modes(projected: Array, X: Array, mass: Any, stiffness: Any) -> tuple[Array, Array]:
-    """Sizes of the entries of X^T C X beside its diagonal d without what inexact modes make of them; and of the terms
-    of C where it is a sum over modes: between two modes at the ends of a body these are larger than its entries.
-
-    G = X^T M X and S = X^T K X have entries beside their diagonals too. Damping that couples no modes then has, to
-    first order,
+    Modes are inexact: G = X^T M X and S = X^T K X have entries beside their diagonals too. Damping that couples none
+    then has, to first order,
 
         d_i G_ij + (S_ij - s_i G_ij) (d_i - d_j)/(s_i - s_j)    C = M f(M^-1 K), proportional damping for example
         (d_i + d_j) G_ij                                        C = M X diag(d) X^T M, made of these modes
 
     with the diagonal s of S. The lesser remainder counts.
     """
-    weighted = mass @ X
+    projected, weighted = _within_float64("damping", X.T @ (damping @ X)), mass @ X
     G, S = X.T @ weighted, X.T @ (stiffness @ X)
     d, s = np.diag(projected)[:, None], np.diag(S)[:, None]
-    apart = s - s.T
+    apart, size = s - s.T, np.abs(projected)
     slope = np.divide(d - d.T, apart, out=np.zeros_like(apart), where=apart != 0.0)
-    off = np.fmin(np.abs(projected - d * G - slope * (S - s * G)), np.abs(projected - (d + d.T) * G))
-    # Rows scaled by the masses, so that no square overflows.
+    rest = np.fmin(np.abs(projected - d * G - slope * (S - s * G)), np.abs(projected - (d + d.T) * G))
+    # The terms of the projection, and those of C where it is a sum over modes: between two modes at the ends of a body
+    # these are larger than its entries. Rows scaled by the masses, so that no square overflows.
+    terms = np.abs(X.T) @ (abs(damping) @ np.abs(X))
     unit, most = np.sqrt(mass.diagonal())[:, None], np.max(np.abs(d)) or 1.0
     overlap = ((unit * X) ** 2).T @ (np.divide(weighted, unit, out=np.zeros_like(X), where=unit > 0.0) ** 2)
-    return off, most * np.sqrt((overlap * (d.T / most) ** 2) @ overlap.T)
+    sums = most * np.sqrt((overlap * (d.T / most) ** 2) @ overlap.T)
+    # Rounding by its statistics, sqrt(n). On the diagonal entries stay: of slow motions they can be that small.
+    rounding = SUMMED * EPS * np.sqrt(len(X))
+    none = ((size <= rounding * terms) | (rest <= rounding * (terms + sums))) & ~np.eye(len(size), dtype=bool)
+    # Those of rigid motions by the full bound, diagonal included.
+    none = np.where(rigid[:, None] | rigid, size <= rounding_of_zero(terms, len(X)), none)
+    return np.where(none, 0.0, projected)
 
 
-def congruence(A: Array, X: Array) -> Array:
-    """X^T A X, each entry as if summed with twice the digits and rounded once."""
-    shift = np.floor(np.log2(float(np.max(np.abs(A))) or 1.0))  # 2^52 times it has to stay finite
-    high, low = product(np.ldexp(A, -int(shift)), X)
-    total, rest = product(X.T, high)
-    return np.ldexp(total + (rest + X.T @ low), int(shift))
+def exact_product(*factors: Array) -> Array:
+    """The product of matrices, each entry rounded once."""
+    from flint import arb_mat, ctx
 
-
-def gram(high: Array, low: Array) -> Array:
-    """Y^T Y of the unrounded sum Y of two matrices, each entry rounded once."""
-    total, rest = product(high.T, high)
-    return total + (rest + low.T @ high + high.T @ low)
-
-
-def product(A: Array, B: Array) -> tuple[Array, Array]:
-    """A B as the unrounded sum of two matrices, for products of slices of the digits have no rounding (Ozaki, Ogita,
-    Oishi and Rump, Numer. Algorithms 59, 2012). Below 2^-100 of the largest in row times the largest in column."""
-    bits = int(53.0 - np.ceil(np.log2(A.shape[1]))) // 2  # so that sums of products have 53
-    left, right = _slices(A, bits), _slices(B.T, bits)
-    high, low = np.zeros((2, len(A), B.shape[1]))
-    for i, j in ((i, both - i) for both in range(SLICES) for i in range(both + 1)):
-        term = left[i] @ right[j].T
-        # The rounding of the sum, exactly (Knuth).
-        total = high + term
-        back = total - high
-        low += (high - (total - back)) + (term - back)
-        high = total
-    return high, low
-
-
-def _slices(A: Array, bits: int) -> list[Array]:
-    """A as a sum of matrices with that many bits, counted from the largest entry of each row."""
-    slices = []
-    for _ in range(SLICES):
-        unit = np.ldexp(1.5, np.frexp(np.max(np.abs(A), axis=1, keepdims=True))[1] + 52 - bits)
-        slices.append((A + unit) - unit)
-        A = A - slices[-1]
-    return slices
+    with _PRECISION, ctx.workprec(BITS):
+        product = reduce(mul, (arb_mat(factor.tolist()) for factor in factors))
+        return np.array(product.tolist(), float)
 
 
 def graded_eigh(S: Array, least: Array) -> tuple[Array, Array, float]:

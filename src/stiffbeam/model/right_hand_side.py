@@ -8,23 +8,26 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array
-from ..basics.text import several
-from ..basics.validation import InputError, one_of, require_jax_float64
-from ..kernels.rhs import THROUGH, equations, evaluated, function_address, jacobian
+from ..basics.validation import InputError, require_jax_float64
+from ..kernels.library import Structure, address, library
 from .beam import velocity_curvature_matrices
 from .contact import Law, channel_motion, channel_position, laws, pressure
 from .time_functions import evaluate
 
 if TYPE_CHECKING:
     from .system import System
+
+THROUGH = 2  # regime of a contact that follows its law on both sides of its events
+EQUATIONS = Structure("rhs.h", "Equations")
 
 
 def on_positions(row: Array) -> Array:
@@ -125,15 +128,33 @@ class RightHandSide:
         pattern = (self.matrix != 0.0) | (self.mass != 0.0) | ((self.pushes != 0.0).T @ (felt != 0.0))
         lower, upper = scipy.linalg.bandwidth(pattern)
         self.bandwidths = (lower, upper) if lower + upper + 1 < n // 3 else None
-        inertia = scipy.linalg.block_diag(self.mass, np.eye(self.size - n)) if descriptor else np.zeros((0, 0))
-        matrices = {"A": self.matrix, "D": self.viscous, "E": np.asarray(inertia)}
-        flags = {"damped": self.damped, "viscous": system.damped, "inertia": descriptor}
-        self.c = equations(vars(self), matrices, self.size, self.bandwidths, **flags)
+        self.c = self._structure()
+
+    def _structure(self) -> Any:
+        """The structure that C reads."""
+        descriptor = self._factor is not None
+        inertia: Any = scipy.linalg.block_diag(self.mass, np.eye(self.size - self.states))
+        matrices = {"A": self.matrix, "D": self.viscous, "E": inertia if descriptor else np.zeros((0, 0))}
+        rows = dict[str, Any]()
+        for name, matrix in matrices.items():
+            sparse = scipy.sparse.csr_array(matrix)
+            columns = {"starts": sparse.indptr.astype(np.int64), "columns": sparse.indices.astype(np.int64)}
+            rows[name] = EQUATIONS.parts["Rows"](columns | {"entries": sparse.data})
+        # Entry (i, j) of a Jacobian at first + i + j stride: the storage of SUNDIALS.
+        first, stride = 0, self.size
+        if self.bandwidths is not None:
+            first = min(self.size - 1, sum(self.bandwidths))  # upper bandwidth of the factors
+            stride = first + self.bandwidths[0]
+        structure = EQUATIONS(
+            vars(self), size=self.size, first=first, stride=stride, damped=self.damped, viscous=self.system.damped,
+            inertia=descriptor, **rows,
+        )  # fmt: skip
+        structure.rows = rows  # which keep their arrays
+        return structure
 
     def value(self, t: float, z: Array) -> Array:
         """f(t, z)."""
-        self.ask(t)
-        return evaluated("right_hand_side", t, z, self.size, self.c)
+        return self._evaluated("right_hand_side", t, z, self.size)
 
     def rate(self, t: float, z: Array) -> Array:
         """z', which is f(t, z) where no mass is given."""
@@ -145,12 +166,23 @@ class RightHandSide:
     def jacobian(self, t: float, z: Array) -> Array:
         """df/dz, (size, size), without the rows of the integrals: they act on nothing."""
         self.ask(t)
-        return jacobian(t, z, self.c)
+        J = np.zeros((self.size, self.size))
+        at = address(J, J.shape)
+        library().jacobian(t, address(z, (self.size,)), 0.0, 1.0, at, 0, self.size, self.c)
+        return J.T
 
     def event_functions(self, t: float, z: Array) -> Array:
         """The event functions less their ``levels``, (roots,), see ``kernels/rhs.h``."""
+        return self._evaluated("event_functions", t, z, len(self.levels))
+
+    def _evaluated(self, name: str, t: float, z: Array, results: int) -> Array:
+        """The results of a function of the library."""
         self.ask(t)
-        return evaluated("event_functions", t, z, len(self.levels), self.c)
+        address(z, (self.size,))  # a check
+        out = (ctypes.c_double * results)()
+        # Solvers call this for each evaluation: ctypes takes bytes in a tenth of the time of an array's address.
+        getattr(library(), name)(t, z.tobytes(), out, self.c)
+        return np.frombuffer(out)  # type: ignore[call-overload]
 
     def ask(self, t: float) -> None:
         """Call the functions of time that are not in closed form, for C to read."""
@@ -281,28 +313,21 @@ def rate_with_integrals(exponents: tuple[float, ...], t: Any, z: Any, numbers: N
 
 # ---------------------------------------------------------------- for solvers of other packages
 
-FORMS = ("explicit", "descriptor")
-
 
 class ODE:
-    """y' = f(t, y) of a system, or E y' = f(t, y), as every reference solver of this package integrates it.
+    """y' = f(t, y) of a system, as every reference solver of this package integrates it.
 
     Parameters
     ----------
     system : System
         With compliant stops: rigid ones have no force that depends on the state alone.
-    form : {"explicit", "descriptor"}
-        "explicit": y' = f(t, y). "descriptor": E y' = f(t, y), the mass on the left, as IDA takes it.
 
     Attributes
     ----------
     y0 : (n,) array
-        The state at t = 0. ``displacement(y)`` and ``velocity(y)`` give q and q', ``state(q, v)`` the way back;
-        ``tip(t, y)`` the observed position. The order of the unknowns is (q_1, q'_1, q_2, q'_2, ...).
-    mass : (n, n) array
-        E; the identity in the explicit form.
+        The state at t = 0, in the order (q_1, q'_1, q_2, q'_2, ...): q is y[::2], q' is y[1::2].
     bandwidths : (int, int) or None
-        Lower and upper bandwidth of ``jac`` and ``mass``; None where a banded solver does not pay.
+        Lower and upper bandwidth of ``jac``; None where a banded solver does not pay.
     events : tuple of functions of (t, y)
         One per side of every contact that has a stop there: > 0 while the stop presses. Each has the attributes
         ``contact`` and ``side``, 1 upper or -1 lower, and SciPy's ``direction`` and ``terminal``. Those of ``segment``
@@ -320,28 +345,14 @@ class ODE:
     >>> run = sb.Trajectory.from_arrays(solution.t, ode.tip(solution.t, solution.y))
     """
 
-    def __init__(self, system: System, form: str = "explicit", sides: ArrayLike | None = None) -> None:
-        self.system, self.form = system, one_of("form", form, FORMS)
+    def __init__(self, system: System) -> None:
         for contact in system.contacts:
             contact.stops.require_compliant("a differential equation")
-        self._rhs = RightHandSide(system, descriptor=form == "descriptor")
-        self._n = self._rhs.states
+        self.system, self._rhs = system, RightHandSide(system)
+        self._n, self.bandwidths = self._rhs.states, self._rhs.bandwidths
         self.y0 = self._rhs.z0[: self._n].copy()
-        self.mass = self._rhs.mass
-        self.bandwidths = self._rhs.bandwidths
-        # A segment between events has its sides; without them every contact follows its law.
-        self._between = sides is not None
-        if sides is not None:
-            given = np.asarray(sides)
-            if given.shape != self._rhs.regime.shape or not np.all(np.isin(given, (-1, 0, 1))):
-                rule = f"hold -1, 0 or 1 for each of {len(self._rhs.regime)} contacts"
-                raise InputError("sides", sides, rule, "0 leaves a contact open, 1 closes its upper stop")
-            self._rhs.regime[:] = given
-        self.events = tuple(self._event(k, *side) for k, side in enumerate(self._rhs.sides))
-
-    def __repr__(self) -> str:
-        form = "" if self.form == FORMS[0] else f", {self.form}"
-        return f"<ODE of {self.system!r}: {several(self._n, 'unknown')}, {several(len(self.events), 'event')}{form}>"
+        self.breakpoints = tuple(system.drive.edges.tolist())
+        self.events = self._events()
 
     def rhs(self, t: float, y: ArrayLike) -> Array:
         """Return f(t, y), (n,)."""
@@ -351,21 +362,13 @@ class ODE:
         """Return df/dy, (n, n)."""
         return self._rhs.jacobian(float(t), self._padded(y))[: self._n, : self._n]
 
-    def state(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the state y, (n,), of a displacement q and a velocity v, (dof,) each."""
-        return on_positions(np.asarray(q, float)) + on_velocities(np.asarray(v, float))
-
-    def displacement(self, y: ArrayLike) -> Array:
-        """Return q, (dof,) or (k, dof), of a state (n,) or of k states, (k, n) or as SciPy has them (n, k)."""
-        return self._states(y)[..., ::2]
-
-    def velocity(self, y: ArrayLike) -> Array:
-        """Return q' in the same way."""
-        return self._states(y)[..., 1::2]
-
     def tip(self, t: ArrayLike, y: ArrayLike) -> Array:
-        """Return the observed position, (k,), of k states at the times (k,)."""
-        times, states = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(self._states(y))
+        """Return the observed position, (k,), of k states at the times (k,): (k, n), or as SciPy has them (n, k)."""
+        times, states, n = np.atleast_1d(np.asarray(t, float)), np.atleast_2d(np.asarray(y, float)), self._n
+        if states.shape not in ((len(times), n), (n, len(times))) or len(times) == n:
+            rule = f"be states (k, {n}) or ({n}, k) at another number k of times"
+            raise InputError("y", states.shape, rule, "take one time more or less")
+        states = states if states.shape[-1] == n else states.T
         return self.system.positions(times, states[:, ::2])[:, self.system.tip_channel]
 
     def segment(self, sides: ArrayLike) -> ODE:
@@ -376,12 +379,14 @@ class ODE:
         sides : (contacts,) array of int
             1 where the upper stop of a contact presses, -1 the lower one, 0 where it is open.
         """
-        return ODE(self.system, self.form, sides)
-
-    @cached_property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times of the samples of records."""
-        return tuple(self.system.drive.edges.tolist())
+        ode, given = ODE(self.system), np.asarray(sides)
+        regime = ode._rhs.regime
+        if given.shape != regime.shape or not np.all(np.isin(given, (-1, 0, 1))):
+            rule = f"hold -1, 0 or 1 for each of {len(regime)} contacts"
+            raise InputError("sides", sides, rule, "0 leaves a contact open, 1 closes its upper stop")
+        regime[:] = given
+        ode.events = ode._events(terminal=True)
+        return ode
 
     @cached_property
     def cfunc(self) -> tuple[int, int]:
@@ -391,39 +396,33 @@ class ODE:
         Raises InputError where a load or an offset is a Python function.
         """
         self.system.drive.require_closed_form("compiled code")
-        return function_address("state_rate"), ctypes.addressof(self._rhs.c)
+        address = ctypes.cast(library().state_rate, ctypes.c_void_p).value
+        return address or 0, ctypes.addressof(self._rhs.c)
 
     @cached_property
     def jax(self) -> Callable[..., Any]:
-        """f(t, y, args=None) in JAX, the explicit form; traceable and differentiable.
+        """f(t, y, args=None) in JAX; traceable and differentiable.
 
         Raises InputError where JAX works in single precision, and where a load or an offset is a Python function.
         """
         require_jax_float64()
         self.system.drive.require_closed_form("JAX")
-        if self.form != FORMS[0]:
-            raise InputError("form", self.form, "be 'explicit' for JAX", "system.ode().jax")
         exponents, numbers = numbers_of(self._rhs)
         return lambda t, y, args=None: rate_with_integrals(exponents, t, y, numbers)
 
-    def _event(self, number: int, contact: int, side: int) -> Any:
-        """The event function of this number."""
+    def _events(self, terminal: bool = False) -> tuple[Any, ...]:
+        """An event function for each side. A segment holds up to its next event, which is ``terminal``: both directions
+        would also find the event at which it begins."""
 
-        def pressed(t: float, y: ArrayLike) -> float:
+        def pressed(number: int, t: float, y: ArrayLike) -> float:
             return float(self._rhs.event_functions(float(t), self._padded(y))[number])
 
-        # A segment holds up to its next event. Both directions would also find the event at which it begins.
-        direction = (-1.0 if self._rhs.regime[contact] == side else 1.0) if self._between else 0.0
-        vars(pressed).update(contact=contact, side=side, direction=direction, terminal=self._between)
-        return pressed
-
-    def _states(self, y: ArrayLike) -> Array:
-        """``y`` as (n,) or (k, n). Raises InputError where k = n leaves open which axis is which."""
-        states, n = np.asarray(y, float), self._n
-        if states.ndim not in (1, 2) or n not in states.shape or states.shape == (n, n):
-            rule = f"be a state ({n},) or states (k, {n}) or ({n}, k) with another k"
-            raise InputError("y", states.shape, rule, "take one time more or less")
-        return states if states.shape[-1] == n else states.T
+        functions = list[Any]()
+        for number, (contact, side) in enumerate(self._rhs.sides):
+            direction = (-1.0 if self._rhs.regime[contact] == side else 1.0) if terminal else 0.0
+            functions.append(function := partial(pressed, number))
+            vars(function).update(contact=contact, side=side, direction=direction, terminal=terminal)
+        return tuple(functions)
 
     def _padded(self, y: ArrayLike) -> Array:
         """Return the state with the integrals of the ledger, which act on nothing."""

@@ -32,8 +32,7 @@ from .time_functions import LoadFunction, Superposition, derivative
 
 # Element matrices for (v_0, h v_0', v_1, h v_1'). MASS is times m h/420.
 MASS = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
-BENDING = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])  # times EI/h^3
-# The same as (a a^T + b b^T): the mean curvature of an element and its slope.
+# Of its stiffness a a^T + b b^T, times EI/h^3: the mean curvature of an element and its slope.
 MEAN, SLOPE = np.array([0.0, -1.0, 0.0, 1.0]), np.sqrt(3.0) * np.array([2.0, 1.0, -2.0, 1.0])
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # integrates loads of degree 8 along an element exactly
 POINTS, WEIGHTS = 0.5 * (POINTS + 1.0), 0.5 * WEIGHTS
@@ -269,14 +268,14 @@ def _hermite(problem: BeamProblem, M: int) -> Grid:
 
     # Element matrices, summed over the elements.
     factor = np.zeros((2 * M + 2, 2 * M + 2))  # two zero rows, so that a free beam has its rigid motions
-    gram, bending = np.zeros((2, 2 * M + 2, 2 * M + 2))
+    gram = np.zeros((2 * M + 2, 2 * M + 2))
     for e in range(M):
         here = slice(2 * e, 2 * e + 4)
         factor[2 * e, here], factor[2 * e + 1, here] = MEAN, SLOPE
-        bending[here, here] += BENDING
         gram[here, here] += MASS * (h / 420.0)
-    # Without the unknowns that the supports hold.
-    gram, bending = (matrix[np.ix_(free, free)] for matrix in (gram, bending))
+    # Without the unknowns that the supports hold. The stencil is whole numbers.
+    gram, factor = gram[np.ix_(free, free)], factor[:, free]
+    bending = np.rint(factor.T @ factor) + 0.0  # no signed zeros
     tip = row(1.0) if problem.ends[1] == "free" else row(0.5)
     slope = (np.arange(2 * M + 2) == 2 * M + 1)[free] * (M / L)  # v_x(L)
     mass = problem.mass_per_length * gram + problem.tip_mass * np.outer(tip, tip)
@@ -292,7 +291,7 @@ def _hermite(problem: BeamProblem, M: int) -> Grid:
         mass=mass,
         damping=0.5 * (damping + damping.T),
         stiffness=stiffness,
-        stiffness_factor=np.sqrt(problem.stiffness / h**3) * factor[:, free],
+        stiffness_factor=np.sqrt(problem.stiffness / h**3) * factor,
         row=row,
         work=work,
         bending=2.0 / L**2 * slope,

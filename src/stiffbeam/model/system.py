@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 from weakref import WeakValueDictionary
 
@@ -28,7 +27,7 @@ from ..basics.validation import (
     vector,
 )
 from .beam import beam_field
-from .contact import Contact, Stops, channel_motion, channel_position
+from .contact import Contact, channel_motion, channel_position
 from .problem import BeamProblem
 from .time_functions import Drive, LoadFunction, TimeFunction, description, evaluate, parts, time_function
 
@@ -57,11 +56,11 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
         rule = "be a square matrix" if n is None else f"have shape ({n}, {n})"
         raise InputError(name, f"shape {dense.shape}", rule, "one row and one column per unknown")
     if not np.array_equal(dense, dense.T):
-        size = np.sqrt(np.abs(np.diag(dense)))
-        if np.all(np.abs(dense - dense.T) <= 1e-12 * np.outer(size, size)):
+        error = asymmetry(name, dense)
+        if error is None:
             dense = read_only(0.5 * (dense + dense.T))
         elif name != "damping":
-            raise unsymmetric(name, dense, "be symmetric to 1e-12 of its diagonal there")
+            raise error
     if name == "mass":
         try:
             np.linalg.cholesky(dense)
@@ -76,25 +75,24 @@ def checked_matrix(name: str, matrix: Any, n: int | None = None) -> Array:
     return dense
 
 
-def unsymmetric(name: str, matrix: Any, rule: str) -> InputError:
-    """Error for an unsymmetric matrix, dense or sparse. Of a half, as FE programs write it, 0.5*(A + A.T) is wrong."""
-    matrix = scipy.sparse.coo_array(matrix)
-    if any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1))):
-        return InputError(name, "one half of a matrix", rule, "give both halves: A + A.T without A's diagonal once")
-    return InputError(name, "an unsymmetric matrix", rule, "give the symmetric part 0.5*(A + A.T)")
+def asymmetry(name: str, matrix: Any) -> InputError | None:
+    """Error for a matrix, dense or sparse, that is not symmetric to rounding. Of a half, as FE programs write it,
+    0.5*(A + A.T) is wrong."""
+    size, apart = np.sqrt(np.abs(matrix.diagonal())), scipy.sparse.coo_array(matrix - matrix.T)
+    if np.all(np.abs(apart.data) <= 1e-12 * size[apart.row] * size[apart.col]):
+        return None
+    half = any(part(matrix, k).count_nonzero() == 0 for part, k in ((scipy.sparse.triu, 1), (scipy.sparse.tril, -1)))
+    found = "one half of a matrix" if half else "an unsymmetric matrix"
+    remedy = "both halves: A + A.T without A's diagonal once" if half else "the symmetric part 0.5*(A + A.T)"
+    return InputError(name, found, "be symmetric to 1e-12 of its diagonal", f"give {remedy}")
 
 
 def _least(matrix: Array) -> float:
-    """The least eigenvalue with the diagonal scaled to ones, and a lower bound of it where it is above -1e-10. Scaling
-    keeps its sign, and stiff parts cannot hide soft ones."""
+    """The least eigenvalue with the diagonal scaled to ones. Scaling keeps its sign, and stiff parts cannot hide soft
+    ones."""
     size = np.sqrt(np.abs(np.diag(matrix)))
     size = np.where(size > 0.0, size, 1.0)
-    scaled = matrix / size / size[:, None]
-    try:  # at less cost than the eigenvalue
-        np.linalg.cholesky(scaled + 0.5e-10 * np.eye(len(matrix)))
-        return -0.5e-10
-    except np.linalg.LinAlgError:
-        return float(np.linalg.eigvalsh(scaled)[0])
+    return float(np.linalg.eigvalsh(matrix / size / size[:, None])[0])
 
 
 def contacts_of(contacts: Any, n: int) -> tuple[Contact, ...]:
@@ -122,7 +120,7 @@ def loads_of(loads: Any, n: int) -> tuple[tuple[Array, LoadFunction], ...]:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Origin(Frozen):
-    """A beam, its discretisation, and the system that they give, see ``System.keeps``.
+    """A beam, its discretisation, and the system that they give.
 
     cells: of the grid. stiffness_factor: G with G^T G = stiffness. made: the system, with one contact per stops of the
     problem, in order.
@@ -133,25 +131,6 @@ class Origin(Frozen):
     cells: int
     stiffness_factor: Array
     made: System
-
-    def problem_of(self, system: System) -> BeamProblem | None:
-        """The problem whose semi-discretisation a system with the beam's matrices is, None where its loads are others.
-
-        None also where a contact is neither where the problem has stops, moving as they do, nor at rest at the tip.
-        """
-        pairs = zip_longest(self.made.loads, system.loads, fillvalue=(None, None))
-        stops = tuple(self._stops_of(contact) for contact in system.contacts)
-        if None in stops or not all(same(a, b) and (f is g or f == g) for (a, f), (b, g) in pairs):
-            return None
-        return self.problem if stops == self.problem.all_stops else replace(self.problem, stops=stops)
-
-    def _stops_of(self, contact: Contact) -> Stops | None:
-        """The contact's stops at the place of the problem's stops that have its row and offset."""
-        for original, stops in zip(self.made.contacts, self.problem.all_stops, strict=True):
-            if same(original.row, contact.row) and original.offset == contact.offset:
-                return replace(contact.stops, position=stops.position, motion=stops.motion)
-        tip, _ = self.made.channels[self.made.tip_channel]
-        return contact.stops if contact.offset is None and same(contact.row, tip) else None
 
 
 class ModelData(TypedDict, total=False):
@@ -168,8 +147,8 @@ class System(Frozen):
     """M q'' + C q' + K q = sum_k p_k f_k(t) + sum_c row_c^T F_c(row_c q + o_c(t)),  n unknowns.
 
     Make a system with ``semidiscretise`` or ``System.from_matrices``, and a changed one with ``dataclasses.replace``.
-    Data derived from a replaced field, such as a beam's factor of its stiffness, are then no longer available (see
-    ``keeps``). All arrays are checked and copied; the copies are read-only.
+    With another mass, damping or stiffness it is no longer that of a beam. All arrays are checked and copied; the
+    copies are read-only.
 
     Parameters
     ----------
@@ -224,14 +203,14 @@ class System(Frozen):
             raise InputError("observe", None, rule, "pass observe=row, a one at the unknown to be seen")
         if observe is not None and not np.any(observe):
             raise InputError("observe", observe, "not be all zero", "a one at the unknown to be seen")
-        if self.origin is not None:
-            instance("origin", self.origin, Origin, "take that of a system from semidiscretise")
         # The checked copies take the place of the arguments.
         vars(self).update(
             mass=mass, damping=damping, stiffness=stiffness, loads=loads, contacts=contacts, observe=observe,
             q0=vector("initial_displacement", self.q0, n), v0=vector("initial_velocity", self.v0, n),
             units=units_labels(self.units),
         )  # fmt: skip
+        if not self.keeps("mass", "damping", "stiffness"):
+            vars(self)["origin"] = None
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields; and the fingerprint, by which a copy in another process is known to be equal."""
@@ -309,35 +288,41 @@ class System(Frozen):
         vectors = np.array([p for p, _ in self.loads]).reshape(-1, self.size)
         return self.drive.amplitudes([f for _, f in self.loads]) @ vectors
 
-    @cached_property
+    @property
     def stiffness_factor(self) -> Array | None:
-        """G with G^T G = K where one is known, from which frequencies lose eps w_max/w_1 rather than its square."""
-        return self.origin.stiffness_factor if self.origin and self.keeps("stiffness") else None
-
-    @cached_property
-    def problem(self) -> BeamProblem | None:
-        """The beam of which this is the semi-discretisation, its initial data being q0 and v0; else None."""
-        return None if self._beam is None else self._beam.problem_of(self)
-
-    def keeps(self, *names: str) -> bool:
-        """Return True if these arrays equal those that the origin made, number by number, so that data of the origin
-        belong to them."""
-        return self.origin is not None and all(same(getattr(self.origin.made, x), getattr(self, x)) for x in names)
-
-    @cached_property
-    def _beam(self) -> Origin | None:
-        """The origin, if the system still has its matrices."""
-        return self.origin if self.keeps("mass", "damping", "stiffness") else None
+        """G with G^T G = K of a beam, from which frequencies lose eps w_max/w_1 rather than its square."""
+        return self.origin.stiffness_factor if self.origin else None
 
     @property
     def form(self) -> str:
         """The space discretisation that made the matrices, "matrices" for anyone's own."""
-        return self._beam.form if self._beam else "matrices"
+        return self.origin.form if self.origin else "matrices"
 
     @property
     def cells(self) -> int | None:
         """The cells of the beam's grid, None for anyone's own matrices."""
-        return self._beam.cells if self._beam else None
+        return self.origin.cells if self.origin else None
+
+    def keeps(self, *names: str) -> bool:
+        """Return True if these arrays equal those that the beam gave, number by number."""
+        return self.origin is not None and all(same(getattr(self.origin.made, x), getattr(self, x)) for x in names)
+
+    @cached_property
+    def problem(self) -> BeamProblem | None:
+        """The beam of which this is the semi-discretisation, its initial data being q0 and v0; else None.
+
+        It follows the stops, and their absence. Other loads, or stops at other places, are those of no beam.
+        """
+        if self.origin is None:
+            return None
+        systems, problem = (self, self.origin.made), self.origin.problem
+        loads, made_loads = ([(row.tobytes(), f) for row, f in x.loads] for x in systems)
+        places, made_places = ([(c.row.tobytes(), c.offset) for c in x.contacts] for x in systems)
+        if loads != made_loads or (places and places != made_places):
+            return None
+        pairs = zip(self.contacts, problem.all_stops, strict=False)
+        stops = tuple(replace(c.stops, position=x.position, motion=x.motion) for c, x in pairs)
+        return problem if stops == problem.all_stops else replace(problem, stops=stops)
 
     @cached_property
     def channels(self) -> tuple[tuple[Array, TimeFunction | None], ...]:
@@ -382,18 +367,11 @@ class System(Frozen):
         elastic = np.sum(q * (q @ self.stiffness) if G is None else (q @ G.T) ** 2, axis=-1)
         return kinetic, 0.5 * elastic
 
-    def energy(self, t: ArrayLike, q: Array, v: Array) -> Array:
-        """E, the sum of ``energies``."""
-        return sum(self.energies(t, q, v), np.zeros(np.shape(t)))
-
-    def ode(self, form: str = "explicit") -> ODE:
-        """Return the differential equation that the reference solvers integrate, for a solver of your own.
-
-        form: "explicit", y' = f(t, y), or "descriptor", E y' = f(t, y).
-        """
+    def ode(self) -> ODE:
+        """Return the differential equation that the reference solvers integrate, for a solver of your own."""
         from .right_hand_side import ODE
 
-        return ODE(self, form)
+        return ODE(self)
 
     def displacement(self, t: ArrayLike, q: Array, x: ArrayLike, of: str = "value") -> Array:
         """u(x, t) of a beam between its nodes, or with of="rate" and q' for q its velocity, see ``beam_field``.
@@ -438,12 +416,11 @@ class System(Frozen):
         }
 
     def differences(self, other: System) -> list[str]:
-        """Names of the differences from another system: its size and form, or mass, damping, stiffness, initial data,
-        loads, ..."""
-        of_both = (("unknowns", self.size, other.size), ("form", self.form, other.form))
-        whole = [f"{name} ({a} and {b})" for name, a, b in of_both if a != b]
+        """Names of the differences from another system: its unknowns, or form, mass, damping, initial data, ..."""
+        if self.size != other.size:
+            return [f"unknowns ({self.size} and {other.size})"]
         mine, theirs = self._content(), other._content()
-        return whole or [name for name, content in mine.items() if content != theirs[name]]
+        return [name for name, content in mine.items() if content != theirs[name]]
 
 
 def require_system(system: Any, field: str = "system") -> System:

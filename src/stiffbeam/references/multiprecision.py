@@ -37,7 +37,7 @@ from scipy.sparse.csgraph import connected_components
 from ..basics.arrays import Array
 from ..basics.resources import afford, clock, in_time
 from ..basics.validation import InputError, exact_value
-from ..kernels.exact import Marks
+from ..kernels.library import Marks
 from ..model.beam import velocity_curvature_matrices
 from ..model.contact import Stops
 from ..model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile

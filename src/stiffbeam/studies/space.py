@@ -1,4 +1,4 @@
-"""Convergence in space: frequencies and driven motion against the beam itself, contact against a finer grid."""
+"""Convergence in space, against finer grids."""
 
 from __future__ import annotations
 
@@ -13,27 +13,28 @@ from ..figures.chart import Figure, log_scale, mark_order, panel_legend, style_o
 from ..files.cases import Case
 from ..measures.errors import Order, impact_times, tip_error
 from ..measures.frequencies import steady_state, without_contact
-from ..model.beam import natural_frequencies, tip_response
-from ..model.modes import modes
+from ..model.modes import undamped_modes
+from ..model.system import System
 from ..model.time_functions import Harmonic
 from . import base
 from .base import Answer, Row, Study, Table, option
 
 SAMPLES = 2000
-TITLES = {"frequency": "natural frequencies, against the beam", "response": "driven tip, no contact"}
+FINE = "hermite"  # of fourth order, the other forms of second
+TITLES = {"frequency": "natural frequencies", "response": "driven tip, no contact"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Space(Study):
     """How fast do the discretisations converge to the beam, and does the contact converge too?
 
-    Without contact the grids are compared with closed forms. In contact they are compared with the grid of ``finest``
-    cells until its first ``impacts`` impacts are over, and not past the horizon of either grid.
+    Without contact the grids are compared with ``finest`` cubic elements. In contact they are compared with the grid of
+    ``finest`` cells until its first ``impacts`` impacts are over, and not past the horizon of either grid.
     """
 
     cells: base.Integers = option(None, "numbers of cells, comma-separated; default: 10 to 80", least=2)
     forms: base.Labels = option(None, "comma-separated; default: all that the case supports")
-    finest: int = option(160, "cells of the grid that contact is compared with", least=2)
+    finest: int = option(160, "cells of the grid that others are compared with", least=4)
     impacts: int = option(1, "number of impacts in the time window", least=1)
     modes: int = option(3, "number of natural frequencies to compare", least=1)
 
@@ -57,9 +58,16 @@ class Space(Study):
     def run(self, case: Case, kind: str, form: str, cells: int) -> list[Row]:
         """One row for each quantity and grid: frequencies, the linear response, or the first impacts."""
         coarse = replace(case, cells=cells)
-        if kind == "frequency":
-            return _frequencies(coarse, form, self.modes)
-        return _response(coarse, form) if kind == "response" else self._contact(case, coarse, form)
+        if kind == "contact":
+            return self._contact(case, coarse, form)
+        systems = [without_contact(x) for x in (coarse.system(form), replace(case, cells=self.finest).system(FINE))]
+        if kind == "response":
+            value, exact = (_response(system, case) for system in systems)
+            error = abs(value - exact) / abs(exact)
+            return [{"quantity": "tip response", "value": abs(value), "error": error}]
+        natural = (undamped_modes(system).omega for system in systems)
+        pairs = zip(*(omega[omega > 0.0].tolist()[: self.modes] for omega in natural), strict=False)
+        return [_row(f"frequency {i}", value, exact) for i, (value, exact) in enumerate(pairs, 1)]
 
     def _contact(self, case: Case, coarser: Case, form: str) -> list[Row]:
         n, finest = self.impacts, replace(case, cells=self.finest).system(form)
@@ -138,25 +146,14 @@ def orders(table: Table) -> dict[tuple[str, str], Order]:
     return {key: base.order_over(1.0 / part.cells, part.error) for key, part in parts}
 
 
-def _frequencies(case: Case, form: str, count: int) -> list[Row]:
-    system = case.system(form)
-    basis = modes(replace(without_contact(system), damping=np.zeros_like(system.damping)))
-    assert basis is not None
-    pairs = zip(basis.omega.tolist(), natural_frequencies(case.beam, count), strict=False)
-    return [_row(f"frequency {i}", value, float(exact)) for i, (value, exact) in enumerate(pairs, 1)]
-
-
 def _row(quantity: str, value: float, exact: float) -> Row:
     return {"quantity": quantity, "value": value, "error": abs(value / exact - 1.0)}
 
 
-def _response(case: Case, form: str) -> list[Row]:
-    """The amplitude of u(1, t) per amplitude of the base in the steady motion."""
-    system, drive = without_contact(case.system(form)), case.beam.base
+def _response(system: System, case: Case) -> complex:
+    """u(L, t) per base in the steady motion, with the phase."""
+    drive = case.beam.base
     assert isinstance(drive, Harmonic)
-    y = steady_state(system)
-    sine, cosine = (y @ system.channels[system.tip_channel][0])[1:3]
+    sine, cosine = (steady_state(system) @ system.channels[system.tip_channel][0])[1:3]
     # u = sine sin(a t) + cosine cos(a t) = Im((sine + i cosine) e^{i a t}).
-    ratio = complex(sine, cosine) / (drive.amplitude * np.exp(1j * drive.phase))
-    exact = tip_response(case.beam)
-    return [{"quantity": "tip response", "value": abs(ratio), "error": abs(ratio - exact) / abs(exact)}]
+    return complex(sine, cosine) / (drive.amplitude * np.exp(1j * drive.phase))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, step_lengths
 from ..basics.validation import InputError, numbers
-from ..kernels.march import switch_time
+from ..kernels.library import switch_time
 from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.system import System, require_system
 from .records import ContactRecord, Impacts, step_ledger

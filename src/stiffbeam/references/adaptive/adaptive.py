@@ -150,7 +150,7 @@ def _ledger(rhs: RightHandSide, t: Array, z: Array, positions: Array) -> Ledger:
                 of_stops -= contact.stops.energy(positions[:, i]) - contact.stops.energy(start[:, i])
     q, v = y[:, ::2].copy(), y[:, 1::2].copy()
     energies = system.energies(t, q, v)
-    start = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
+    start = float(sum(system.energies(0.0, system.q0, system.v0)))
     loss = start - sum(energies) + given - taken - of_stops
     touching = in_contact(system, t, q, v)
     # A loss between two outputs cannot be divided: contact at either of them counts as contact.

@@ -26,10 +26,9 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import clock, late
 from ...basics.validation import InputError
-from ...kernels.rhs import THROUGH
 from ...model.contact import chord
 from ...model.modes import undamped_modes
-from ...model.right_hand_side import RightHandSide
+from ...model.right_hand_side import THROUGH, RightHandSide
 from ...model.system import System
 from ...model.time_functions import evaluate
 from ...trajectory.trajectory import SolverFailure
@@ -104,7 +103,7 @@ def scales_of(system: System, t_end: float) -> Scales:
     # S = soft soft^T, M^-1 = light light^T.
     light, soft = basis.shapes, basis.shapes / np.hypot(basis.omega, np.sqrt(2.0) / t_end)
     # Energy of the start, of the loads and of the moving stops.
-    energy = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
+    energy = float(sum(system.energies(0.0, system.q0, system.v0)))
     for vector, function in system.loads:
         root = float(np.max(np.abs(evaluate(function, t))) * np.linalg.norm(vector @ soft))
         energy += 0.5 * root * root

@@ -21,7 +21,7 @@ import numpy as np
 from ...basics.arrays import Array
 from ...basics.resources import late
 from ...basics.validation import InputError
-from ...kernels.rhs import function_address
+from ...kernels.library import library
 from ...model.right_hand_side import RightHandSide
 from ...trajectory.trajectory import Reference, SolverFailure
 from ..registry import Request
@@ -162,10 +162,11 @@ class Sundials:
 
     def _function(self, name: str, arguments: list[Any]) -> Any:
         """A function of rhs.c; where functions of time are in Python, one that calls these first."""
+        address = ctypes.cast(getattr(library(), name), POINTER)
         if not self.rhs.in_python:
-            return POINTER(function_address(name))
+            return address
         kind = ctypes.CFUNCTYPE(INTEGER, DOUBLE, *arguments)
-        function = kind(function_address(name))
+        function = kind(address.value or 0)
 
         def asked(t: float, *rest: Any) -> int:
             try:

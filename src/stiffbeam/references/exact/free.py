@@ -15,7 +15,7 @@ import numpy as np
 
 from ...basics.arrays import Array, BoolArray
 from ...basics.validation import InputError
-from ...kernels.exact import Free
+from ...kernels.library import Free
 from ...model.modes import decoupled_modes, undamped_modes
 from ...model.system import System
 

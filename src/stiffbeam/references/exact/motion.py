@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...basics.arrays import Array, IntArray
 from ...basics.resources import afford, in_time
 from ...basics.validation import InputError
-from ...kernels.exact import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
+from ...kernels.library import DONE, STALLED, TOGETHER, Blows, Events, Follower, Free, Marks, States, press, read
 from ...model.contact import channel_motion, on_rigid_stops
 from ...model.system import System
 from ...model.time_functions import evaluate

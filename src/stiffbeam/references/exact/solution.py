@@ -264,7 +264,7 @@ def exact_ledger(solution: Motion, times: Array) -> Ledger:
     energies = system.energies(times, *solution.states(times))
     # Between rigid stops with a blow at the start, which the motion has behind it.
     start = (system.q0[None], system.v0[None]) if system.rigid else solution.states(np.zeros(1))
-    loss = system.energy(np.zeros(1), *start)[0] - sum(energies) + given - taken - stops
+    loss = sum(system.energies(np.zeros(1), *start)) - sum(energies) + given - taken - stops
     none = np.zeros(len(times))
     return Ledger(times, *energies, given, taken, loss, none, loss, stops, none)
 
