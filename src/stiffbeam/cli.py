@@ -194,6 +194,7 @@ class Options:
     ] = None
     form: Form = None
     contact: Annotated[str, Parameter(help="implicit, conserving, or extrapolated as in the paper.")] = "implicit"
+    rates: Annotated[bool, Parameter(help="Add rates of impacts, impulse and work at every stop.")] = False
     budget: Annotated[float, Parameter(help="CPU seconds of each reference; one that needs more ends earlier.")] = (
         BUDGET
     )
@@ -222,6 +223,8 @@ def compare(
     folder = out if out is not None else default_folder(chosen.name)
     result = CaseComparison(chosen, options.form, options.contact, options.budget)
     tell, written = (say if str(json) != "-" else str), list[Path]()
+    # The tables follow the main reference; the last one, where solvers are to have their rows.
+    early, told = not set(schemes or ()) & set(REFERENCES), -1
     with working("starting", True) as show:
         try:
             for solution in result.run(schemes, names):
@@ -233,6 +236,11 @@ def compare(
                 facts = f"{verdict(compared) if compared else largest(solution)} ({solution.work.seconds:.2g} s"
                 budget = solution.provenance.get("budget")
                 tell(f"{short(solution.provenance['method'])}: {facts}{f'; {budget}' if budget else ''})")
+                if early and told < 0 and result.references:
+                    tell(f"\n{result.report()}\n")
+                    told = len(result.failures)
+            if options.rates and chosen.has_stops and result.comparisons:
+                written.append(_rates(result, tell, folder))
             if result.comparisons:
                 show("drawing", 0, 0)
                 own = [c for c in result.comparisons if c.pair[0] in result.runs]
@@ -240,8 +248,10 @@ def compare(
                 title = f"{heading(chosen, verdict(own) if own else chosen.title)}; {details}"
                 written.append(save_figure(comparison_figure(result.comparisons, title), folder / "comparison.png"))
         finally:  # an interrupt loses only what is running
-            if written or result.failures:
+            if told < 0 and (written or result.failures):
                 tell(f"\n{result.report()}")
+            elif result.failures[told:]:
+                tell("\n".join("  ".join(failure) for failure in result.failures[told:]))
             if written:
                 written.append(write_whole(folder / "comparison.txt", f"{result.report()}\n"))
             records = result.to_dict() | {"files": [path.name for path in written]}
@@ -251,6 +261,20 @@ def compare(
         say(f"\nWritten: {len(written)} files in {folder}")
     failed_runs = [label for _, label, _ in result.failures if label.partition("@")[0] not in REFERENCES]
     return int(bool(failed_runs) or not result.references)
+
+
+def _rates(result: CaseComparison, tell: Callable[[str], object], folder: Path) -> Path:
+    """Rates of the main reference and of every scheme; the file has a line for each run and stop."""
+    import pandas
+
+    from .measures.rates import contact_rates
+
+    tables = []
+    for one in (*result.references[:1], *result.runs):
+        rates = contact_rates(one)
+        tell(f"\n{one.label}, rates with 95 % intervals\n{rates}")
+        tables.append(rates.to_dataframe().reset_index().assign(run=one.label))
+    return write_whole(folder / "comparison-rates.csv", pandas.concat(tables).set_index(["run", "contact"]).to_csv())
 
 
 # ---------------------------------------------------------------- the others

@@ -465,6 +465,15 @@ def test_what_may_be_misread_is_refused(text, options, words, read):
     assert "\x1b" not in str(caught.value)
 
 
+def test_holes_are_named_but_where_nothing_acts(read):
+    kept = np.delete(np.arange(12), [5, 6])
+    text = "\n".join(f"{t!r},{f!r}" for t, f in zip(T[kept].tolist(), F[kept].tolist(), strict=True))
+    with pytest.warns(UserWarning, match="1 place, first from t = 1 to 1.75"):
+        read(text + "\n" + "\n".join(f"{3 + 0.25 * k},{k % 2}" for k in range(20)))
+    t, _ = read(text[: text.index("1.75")] + "\n".join(f"{1.25 + 0.25 * k},0" for k in range(9)) + "\n99,0\n")
+    assert t[-1] == 99.0
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_any_damaged_record_is_one_sentence_or_numbers(seed, read):
     rng = np.random.default_rng([60, seed])

@@ -117,6 +117,37 @@ def test_diffrax_stays_on_the_processor():
     assert set(done.stdout.split()) == {"cpu:0"}
 
 
+FORKED = """
+import multiprocessing
+import stiffbeam as sb
+
+
+def solve(method):
+    try:
+        return sb.reference(sb.problem("bilinear-gap").system, 0.01, method, rtol=1e-4).provenance["method"]
+    except sb.InputError as error:
+        return str(error)
+
+
+if __name__ == "__main__":
+    solve("kvaerno5")
+    for kind in ("fork", "spawn"):
+        with multiprocessing.get_context(kind).Pool(1) as pool:
+            print(*pool.map(solve, ["exact", "kvaerno5"]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_a_fork_beside_jax_is_refused_and_does_not_wait_for_ever(tmp_path):
+    (tmp_path / "forked.py").write_text(FORKED, encoding="utf-8")
+    arguments = [sys.executable, "-W", "ignore", tmp_path / "forked.py"]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=True, timeout=100)
+    forked, spawned = done.stdout.splitlines()
+    assert forked.startswith("exact process must not be a fork")
+    assert spawned == "exact kvaerno5"
+
+
 class Jump:
     """A stop that is 1 further away from t = 1 on."""
 

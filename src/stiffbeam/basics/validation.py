@@ -8,7 +8,9 @@ another problem.
 from __future__ import annotations
 
 import math
+import os
 import re
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass
 from decimal import Decimal
@@ -221,8 +223,21 @@ def near(name: Any, known: Iterable[str]) -> str:
     return "known: " + ", ".join(names) if names else "there is none"
 
 
+_FORKED = list[bool]()  # for each fork up to this process: JAX was loaded before
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=lambda: _FORKED.append("jax" in sys.modules))
+
+
+def require_jax_threads() -> None:
+    """Raise InputError in a fork of a process with JAX: its threads are not copied, and JAX would wait for them."""
+    if any(_FORKED):
+        remedy = 'start it by multiprocessing.get_context("spawn")'
+        raise InputError("process", "a fork", "not be a fork of one that has loaded JAX", remedy)
+
+
 def require_jax_float64() -> None:
     """Raise InputError if JAX works in single precision, or not at all."""
+    require_jax_threads()
     import jax
 
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]

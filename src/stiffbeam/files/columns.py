@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,16 @@ import pandas
 
 from ..basics.arrays import Array
 from ..basics.storage import regular_text
-from ..basics.text import Units
+from ..basics.text import Units, several
 from ..basics.validation import InputError, number, positive
 
 MOST_BYTES = 1 << 28  # of a file of columns
 SCALED = {"m", "mm", "cm", "km", "um", "µm", "in", "ft", "deg", "rad", "n", "mn", "kn", "g"}  # units of values
-TIMES = "t", "time"  # names of the times, in small letters
+TIMES = "t", "time", "zeit", "temps"  # names of the times, in small letters
 COMMA = r"([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)"  # a number with a decimal comma
 FIRST = re.compile(r'[\s",;]*[+-]?([.,]?\d|(nan|inf)\b)', re.IGNORECASE)  # number of a line
 COMMENT = re.compile(r"\s*[#%]")
+STEADY, HOLE = 0.01, 1.5  # in median steps: what equal ones differ by; from where on one is a hole
 
 
 def read_columns(file: Path, field: str) -> pandas.DataFrame:
@@ -138,4 +140,16 @@ def read_samples(
     if time is None:
         return number("start", start or 0.0) + positive("dt", dt) * np.arange(len(values)), values
     t = table[time].to_numpy(float) * (1.0 if time_factor is None else positive("time_factor", time_factor))
+    _warn_of_holes(file, t, values)
     return t if start is None else t - t[0] + number("start", start), values
+
+
+def _warn_of_holes(file: Path, t: Array, values: Array) -> None:
+    """Warn where samples are missing from a record at equal steps, unless it is constant across the hole."""
+    steps = np.diff(t)
+    if len(steps) < 8 or np.mean(np.abs(steps - np.median(steps)) <= STEADY * np.median(steps)) < 0.9:
+        return
+    holes = np.flatnonzero((steps > HOLE * np.median(steps)) & (np.diff(values) != 0.0))
+    if len(holes):
+        first = f"from t = {t[holes[0]]:g} to {t[holes[0] + 1]:g}"
+        warnings.warn(f"{file}: samples are missing at {several(len(holes), 'place')}, first {first}", stacklevel=4)

@@ -1,4 +1,4 @@
-"""Every integrator at every resolution: error, work, time and impacts are columns of one table.
+"""Every integrator at every resolution: error, work, time, impacts and energy lost are columns of one table.
 
 A row enters an observed order only if the motion is resolved, the error is above rounding, and (in contact) every
 impact in the window matches one of the exact motion. Through contact errors vary irregularly with the step: the worst
@@ -17,6 +17,7 @@ from ..basics.validation import number
 from ..figures.chart import Figure, lines, log_scale, look, mark_order, shared_legend, short
 from ..files.cases import Case
 from ..integrators import SCHEME, SOLVER, Integrator, fastest
+from ..measures.comparison import lost_fractions
 from ..measures.errors import Order, matched_until, observed_order, tip_error
 from ..measures.frequencies import smooth_motion, smooth_period
 from ..measures.report import DASH
@@ -42,6 +43,7 @@ VIEWS = {  # x, y, title
     "time": ("seconds", "tip_error", "error over time"),
     "impacts": ("dt", "impacts", "impacts to the horizon"),
     "matched": ("dt", "matched_until", "exact impacts followed"),
+    "loss": ("dt", "energy_lost", "numerical dissipation"),
 }
 
 
@@ -65,7 +67,7 @@ class Converge(Study):
         "comma-separated schemes, solvers and functions module:function; default: all schemes, cvode, ida, kvaerno5",
     )
     views: base.Labels = option(
-        ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched", known=VIEWS
+        ("order", "work", "impacts"), "panels, comma-separated: order, work, time, impacts, matched, loss", known=VIEWS
     )
     kinds: base.Labels = option((SMOOTH, CONTACT), "smooth, contact, or both", known=(SMOOTH, CONTACT))
     halvings: int = option(10, "number of time steps dt, dt/2, dt/4, ...", least=1)
@@ -79,6 +81,7 @@ class Converge(Study):
         "dt": (r"time step $\Delta t$", "time"), "tip_error": ("tip error, rms, relative", ""),
         "solves": ("linear solves or evaluations", ""), "seconds": ("seconds of stepping", ""),
         "impacts": ("impacts counted", ""), "matched_until": ("exact impacts followed to $t$", "time"),
+        "energy_lost": ("share of the energy supplied", ""),
     }  # fmt: skip
 
     @property
@@ -150,6 +153,8 @@ class Converge(Study):
                 "exact_impacts": sum(x.impacts.until(until).count for x in exact.contacts),
                 "matched_until": matched_until(longer, exact, until), "horizon": float(until),
             }  # fmt: skip
+        if "loss" in (self.views or ()) and one.kind == SCHEME:
+            (row["energy_lost"],) = lost_fractions(run.energy, system)
         known = one.kind == SCHEME or run.work.counters
         return row | {
             "tip_error": error, "left_out": left_out, "solves": one.work(run) if known else np.nan,

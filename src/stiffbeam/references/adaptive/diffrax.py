@@ -17,7 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 from ...basics import storage
 from ...basics.arrays import Array
 from ...basics.resources import once
-from ...basics.validation import InputError
+from ...basics.validation import InputError, require_jax_threads
 from ...model.right_hand_side import RightHandSide, numbers_of, rate_with_integrals
 from ...trajectory.trajectory import Reference
 from ..registry import REFERENCES, Request
@@ -41,6 +41,7 @@ def solve(request: Request) -> Reference:
     the solution counts; JAX keeps it on disk for later processes. Takes time functions made of Harmonic, Constant and
     Sampled, which JAX can trace. At tight tolerances order 3 needs minutes for a tenth of a time unit.
     """
+    require_jax_threads()
     with once():
         import diffrax
         import jax
