@@ -237,7 +237,7 @@ def compare(
                 budget = solution.provenance.get("budget")
                 tell(f"{short(solution.provenance['method'])}: {facts}{f'; {budget}' if budget else ''})")
                 if early and told < 0 and result.references:
-                    tell(f"\n{result.report()}\n")
+                    tell(f"\n{result.report().text()}\n")
                     told = len(result.failures)
             if options.rates and chosen.has_stops and result.comparisons:
                 written.append(_rates(result, tell, folder))
@@ -249,11 +249,11 @@ def compare(
                 written.append(save_figure(comparison_figure(result.comparisons, title), folder / "comparison.png"))
         finally:  # an interrupt loses only what is running
             if told < 0 and (written or result.failures):
-                tell(f"\n{result.report()}")
+                tell(f"\n{result.report().text()}")
             elif result.failures[told:]:
                 tell("\n".join("  ".join(failure) for failure in result.failures[told:]))
             if written:
-                written.append(write_whole(folder / "comparison.txt", f"{result.report()}\n"))
+                written.append(write_whole(folder / "comparison.txt", f"{result.report().text()}\n"))
             records = result.to_dict() | {"files": [path.name for path in written]}
             if written:
                 written.append(write_whole(folder / "comparison.json", json_text("compare", records) + "\n"))

@@ -78,7 +78,7 @@ def extremes(values: Mapping[str, float], written: Callable[[float], str]) -> st
         return "not known"
     (low, first), (high, last) = known[0], known[-1]
     if written(low) == written(high):
-        return f"{written(low)} ({first if len(known) == 1 else 'all'})"
+        return f"{written(low)}{' (all)' * (len(known) > 1)}"
     return f"{written(low)} ({first}) to {written(high)} ({last})"
 
 
