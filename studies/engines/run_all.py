@@ -66,7 +66,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as out:
         run("mujoco_engine.py", Path(out), given.names)
         rows = [recorded(Path(out)), *filter(None, given.beside.split(","))]
-        print(sb.score(rows, given.names or None, statistics=False))
+        print(sb.score(rows, given.names or None))
 
 
 if __name__ == "__main__":
