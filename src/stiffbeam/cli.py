@@ -34,6 +34,7 @@ from .references.registry import ADAPTIVE, BEST, BUDGET, MULTIPRECISION, REFEREN
 if TYPE_CHECKING:
     from .files.cases import Case
     from .studies.base import Study
+    from .studies.comparison import CaseComparison
 
 HELP = """Fixed-step schemes beside adaptive and exact solutions of vibro-impact beams.
 

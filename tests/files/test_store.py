@@ -219,7 +219,7 @@ def test_what_is_no_run_is_named(tmp_path):
     ):  # fmt: skip
         with pytest.raises(sb.InputError, match=words):
             sb.load(file)
-    with pytest.raises(sb.InputError, match=r"end in \.nc or \.csv"):
+    with pytest.raises(sb.InputError, match=r"end in \.nc, \.json or \.csv"):
         run.save(tmp_path / "run.mat")
 
 

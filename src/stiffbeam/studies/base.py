@@ -24,7 +24,7 @@ import pandas as pd
 from cyclopts import Parameter, Token
 
 from ..basics.arrays import Recent
-from ..basics.resources import Show, afford, working
+from ..basics.resources import Show, afford, cores, working
 from ..basics.storage import make_folder, source_hash, write_whole
 from ..basics.text import plain, with_unit
 from ..basics.validation import InputError, exact_float, integer, one_of, sequence
@@ -242,6 +242,7 @@ def perform(
     study.require(case)
     if jobs is not None:
         integer("jobs", jobs, 1)
+    cores()  # a wrong setting would be the fault of every point
     name = study.name()
     with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)

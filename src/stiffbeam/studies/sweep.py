@@ -11,6 +11,7 @@ t_end at every value, with impacts per unit of time and without sections.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -29,6 +30,7 @@ from ..model.members import with_values
 from ..model.modes import modes
 from ..model.system import System
 from ..references.ensemble import reference_ensemble
+from ..references.exact.solution import refuse
 from ..schemes import Scheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
@@ -78,6 +80,8 @@ class Sweep(Study):
         if period is None:  # every value is one run from 0 to t_end, without sections
             nominal.drive.require_samples(case.t_end)
             shared |= {"periods": 1, "transient": 0, "t_end": case.t_end}
+        if scheme is None and shared["transient"]:
+            refuse(nominal, case.t_end, "name a scheme as method, or transient=0")
         for end in (min(values), max(values)):  # what a scheme refuses in between is a row
             setup_of(nominal, parameter, end, shared["dt"], shared.get("t_end"))
         size = -(-len(values) // BATCHES)
@@ -263,6 +267,17 @@ def drive_period(system: System) -> float | None:
     return 2.0 * np.pi / drive.frequencies[0] if len(drive.frequencies) == 1 and not drive.records else None
 
 
+QUANTITIES = {  # of parameters, by their path without numbers or by its last name
+    "stiffness": "bending stiffness", "viscosity": "bending viscosity", "stops.stiffness": "stop stiffness",
+    "stops.damping": "stop damping", "stops.dissipation": "stop dissipation", "frequency": "frequency",
+    "clearance": "length", "lower": "length", "upper": "length", "position": "length", "base.amplitude": "length",
+}  # fmt: skip
+
+
 def named(case: Case, path: str) -> str:
-    """A parameter on an axis, with the units of the case."""
-    return f"{path} (in {', '.join(case.units)})" if case.units else path
+    """A parameter on an axis, with its unit where it is known."""
+    plain = re.sub(r"\[\d+\]", "", path).removeprefix("contacts.")  # of any contact
+    quantity = QUANTITIES.get(plain) or QUANTITIES.get(plain.rpartition(".")[2], "")
+    if quantity.startswith("stop") and any(c.stops.exponent != 1.0 for c in case.system(case.forms[0]).contacts):
+        quantity = ""  # a force per length to the exponent
+    return with_unit(case.units, path, quantity)
