@@ -247,7 +247,8 @@ def perform(
     with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)
         store, points = Store(folder, _key(study, case)), list(study.points(case))
-        work = (delayed(_point)(study, case, point, store) for point in points)
+        threads = max(1, cores() // (jobs or 1))
+        work = (delayed(_point)(study, case, point, store, threads) for point in points)
         # A point counts as many times as it has steps, so that the share that is done is one of the time.
         costs = [point.get("steps", 1) for point in points]
         show(name, 0, sum(costs))
@@ -262,11 +263,11 @@ def perform(
     return Records(study, case, table)
 
 
-def _point(study: Study, case: Case, point: Row, store: Store) -> list[Row]:
-    """The rows of a point, from the store if it has them."""
+def _point(study: Study, case: Case, point: Row, store: Store, threads: int) -> list[Row]:
+    """The rows of a point, from the store if it has them. threads: of an ensemble in a process beside others."""
     if current_process().name != "MainProcess" and current_thread() is main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker without a traceback
-        os.environ.setdefault("STIFFBEAM_THREADS", "1")  # beside others
+        os.environ.setdefault("STIFFBEAM_THREADS", str(threads))
     return store.rows(point, lambda: _evaluate(study, case, point))
 
 
