@@ -133,7 +133,7 @@ def _energy(system: sb.System, t_end: float) -> tuple[Any, Any, str]:
         conserved = energy_of(system, [mp.mpf(x) for x in system.q0], [mp.mpf(x) for x in system.v0])
         return conserved, conserved, "that of the start: nothing is put in or dissipated"
     ledger = sb.reference(system, t_end, "multiprecision", t_eval=[0.0, t_end]).energy
-    start = float(system.energy(np.zeros(1), system.q0[None], system.v0[None])[0])
+    start = float(sum(system.energies(0.0, system.q0, system.v0)))
     end = float(ledger.kinetic[-1] + ledger.elastic[-1] + ledger.stops[-1])
     how = "float64 from the multiprecision state, to 11 digits"
     return mp.mpf(f"{end:.11g}"), mp.mpf(f"{start + abs(float(ledger.input[-1])):.11g}"), how

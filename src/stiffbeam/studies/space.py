@@ -28,8 +28,9 @@ TITLES = {"frequency": "natural frequencies", "response": "driven tip, no contac
 class Space(Study):
     """How fast do the discretisations converge to the beam, and does the contact converge too?
 
-    Without contact the grids are compared with ``finest`` cubic elements. In contact they are compared with the grid of
-    ``finest`` cells until its first ``impacts`` impacts are over, and not past the horizon of either grid.
+    Without contact the grids are compared with ``finest`` cubic elements, at least twice as many as their cells. In
+    contact they are compared with the grid of ``finest`` cells until its first ``impacts`` impacts are over, and not
+    past the horizon of either grid.
     """
 
     cells: base.Integers = option(None, "numbers of cells, comma-separated; default: 10 to 80", least=2)
@@ -60,7 +61,8 @@ class Space(Study):
         coarse = replace(case, cells=cells)
         if kind == "contact":
             return self._contact(case, coarse, form)
-        systems = [without_contact(x) for x in (coarse.system(form), replace(case, cells=self.finest).system(FINE))]
+        fine = replace(case, cells=max(self.finest, 2 * cells)).system(FINE)
+        systems = [without_contact(x) for x in (coarse.system(form), fine)]
         if kind == "response":
             value, exact = (_response(system, case) for system in systems)
             error = abs(value - exact) / abs(exact)
