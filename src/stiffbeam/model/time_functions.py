@@ -272,7 +272,7 @@ class Sampled(Derivable):
         for t in (start, end):
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
                 rule = f"be evaluated within its samples, [{self.t[0]:.12g}, {self.t[-1]:.12g}]"
-                remedy = "give samples from 0, in a case file by start = 0, to the end of the run, 0 where nothing acts"
+                remedy = "let it begin at 0, in a case file by start = 0, and reach the end of the run, with zeros for nothing"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
     def _at(self, t: ArrayLike, order: int) -> Array:
