@@ -138,8 +138,7 @@ def _stage(runs: Sequence[Trajectory], system: System, t: Array) -> tuple[Any, A
 
 def _stop_marks(system: System, i: int, t: Array) -> tuple[float, list[Array]]:
     """(place, [lower, upper] stop over time) of contact i; NaN where that side is free."""
-    bounds = system.contacts[i].stops.lower_bound, system.contacts[i].stops.upper_bound
-    edges = [np.full(len(t), x if np.isfinite(x) else np.nan) for x in bounds]
+    edges = [np.full(len(t), system.contacts[i].stops.sides.get(side, np.nan)) for side in (-1, 1)]
     if system.problem is None:
         return float(i), edges
     stops = system.problem.all_stops[i]

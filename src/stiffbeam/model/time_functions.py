@@ -272,7 +272,7 @@ class Sampled(Derivable):
         for t in (start, end):
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
                 rule = f"be evaluated within its samples, [{self.t[0]:.12g}, {self.t[-1]:.12g}]"
-                remedy = "let it begin at 0, in a case file by start = 0, and reach the end of the run, with zeros for nothing"
+                remedy = "let it begin at 0, in a case file by start = 0, and reach t_end, 0 where nothing acts"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
     def _at(self, t: ArrayLike, order: int) -> Array:
