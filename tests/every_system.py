@@ -20,7 +20,7 @@ def at_rest_on_its_stops(bench: Bench) -> Bench:
     system, dt, t_end = bench
     contacts = []
     for contact in system.contacts:
-        side = "upper" if np.isfinite(contact.stops.upper_bound) else "lower"
+        side = "upper" if np.isfinite(contact.stops.law.g2) else "lower"
         contacts.append(replace(contact, stops=replace(contact.stops, **{side: 0.0})))
     still = np.zeros(system.size)
     return replace(system, contacts=tuple(contacts), q0=still, v0=still), dt, t_end

@@ -106,7 +106,7 @@ def case_of(system: sb.System, t_end: Any) -> Case:
 
     contacts = tuple(
         Contact(
-            c.row, c.stops.lower_bound, c.stops.upper_bound, float(c.stops.stiffness), c.offset and wave(c.offset)
+            c.row, c.stops.law.g1, c.stops.law.g2, float(c.stops.stiffness), c.offset and wave(c.offset)
         )
         for c in system.contacts
     )  # fmt: skip

@@ -91,9 +91,7 @@ def by_hand(writes: str, steps: int, cells: int = 25) -> tuple[Callable[[], obje
     start = np.array([q, dt * v, dt**2 * (cosine - squares * q)])
     compliance = BETA * float(push @ row)
     stiff = stops.stiffness / (1 + stops.stiffness * compliance)
-    numbers = [
-        ctypes.c_double(x) for x in (w, dt, BETA, GAMMA, stiff, compliance, stops.lower_bound, stops.upper_bound)
-    ]
+    numbers = [ctypes.c_double(x) for x in (w, dt, BETA, GAMMA, stiff, compliance, stops.law.g1, stops.law.g2)]
     pointer, tip = np.ctypeslib.as_ctypes, np.empty(steps + 1)
     tip[0] = row @ q
     modal = np.array([squares, sine, cosine])

@@ -175,7 +175,7 @@ def close_up(table: Table) -> Figure:
     for name, look, t, u, _ in curves(table, start, end):
         axis.plot(t, u, color=look["color"], lw=1.0 if name in TRUE else 1.6, label=look["label"])
     draw_stops(axis, table.stops, horizontal=True)
-    stop = table.stops.upper_bound
+    stop = table.stops.law.g2
     axis.set(xlim=(start, end), ylim=(0.6 * stop, 1.03 * stop), xlabel=TIME, ylabel=TIP)
     axis.annotate("stop", (end, stop), xytext=(-2, 3), textcoords="offset points", ha="right", fontsize=8)
     shared_legend(figure, columns=1)

@@ -53,7 +53,7 @@ def energy_of(system: sb.System, q: Sequence[Any], v: Sequence[Any]) -> Any:
     for contact in system.contacts:
         u = mp.fsum(mp.mpf(contact.row[i]) * q[i] for i in range(n))
         stops, p = contact.stops, mp.mpf(float(contact.stops.exponent))
-        for depth in (u - mp.mpf(stops.upper_bound), mp.mpf(stops.lower_bound) - u):
+        for depth in (u - mp.mpf(stops.law.g2), mp.mpf(stops.law.g1) - u):
             if depth > 0:
                 total += mp.mpf(float(stops.stiffness)) * depth ** (p + 1) / (p + 1)
     return total
@@ -108,7 +108,7 @@ def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard
         if sides[k] != sides[k - 1] and solution.times[k] > 0.0:  # contact that is there at the start is no impact
             side, t = int(sides[k] or sides[k - 1]), float(solution.times[k])
             x, w, a = near(t)
-            s = (x - mp.mpf(stops.upper_bound if side > 0 else stops.lower_bound)) / w
+            s = (x - mp.mpf(stops.law.g2 if side > 0 else stops.law.g1)) / w
             switches[bool(sides[k])].append(mp.mpf(t) - s - a * s**2 / (2 * w))
     edges = np.append(solution.times, t_end)
     peak = mp.mpf(0)
@@ -122,7 +122,7 @@ def _piecewise(system: sb.System, t_end: float, samples: int, digits: int, guard
         tops = [at(edge, 0)[0][0] for edge in edges[k : k + 2]]
         tops += [x - w**2 / (2 * a) for x, w, a in map(near, found)]
         for x in tops:
-            depth = x - mp.mpf(stops.upper_bound) if sides[k] > 0 else mp.mpf(stops.lower_bound) - x
+            depth = x - mp.mpf(stops.law.g2) if sides[k] > 0 else mp.mpf(stops.law.g1) - x
             peak = max(peak, mp.mpf(float(stops.stiffness)) * depth)
     return Truth("multiprecision (python-flint), twice with different precision", u, v, switches[True], switches[False],
                  peak, _energy(system, t_end))  # fmt: skip

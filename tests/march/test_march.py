@@ -41,7 +41,7 @@ def impacts_of(t, u, v, stops, forces, means, end_forces):
     if end_forces is not None and stops.law.jumps:
         chi[1:] = -np.sign(end_forces)
     if not chi[0]:  # a start on a stop that does not leave it is contact from t = 0
-        chi[0] = int(u[0] == stops.upper_bound and v[0] >= 0.0) - int(u[0] == stops.lower_bound and v[0] <= 0.0)
+        chi[0] = int(u[0] == stops.law.g2 and v[0] >= 0.0) - int(u[0] == stops.law.g1 and v[0] <= 0.0)
     curve, rows, begun = CubicHermiteSpline(t, u, v), [], 0 if chi[0] else None
 
     def crossing(k, side):

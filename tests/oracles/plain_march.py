@@ -73,8 +73,7 @@ class Law:
     """F(u, u') of a contact, and its mean over a step."""
 
     def __init__(self, stops: sb.Stops) -> None:
-        names = ["stiffness", "exponent", "damping", "dissipation", "lower_bound", "upper_bound"]
-        self.kappa, self.p, self.c, self.lam, self.low, self.high = (Real(float(getattr(stops, x))) for x in names)
+        self.kappa, self.low, self.high, self.p, self.c, self.lam = map(Real, stops.law)
 
     def depth(self, u):
         return (u - self.high, 1) if u > self.high else (self.low - u, -1) if u < self.low else (Real(0), 0)

@@ -189,7 +189,7 @@ def test_an_error_that_no_longer_falls_is_quoted_where_it_does_not():
 
     def cut(system, dt, t_end):
         t, u, v = right(system, dt, t_end)
-        return t, np.minimum(u, 0.999 * system.contacts[0].stops.upper_bound), v
+        return t, np.minimum(u, 0.999 * system.contacts[0].stops.law.g2), v
 
     (entry,) = sb.score(cut, "two-mass-chain").entries
     errors = [float(x) for x in re.findall(r"\d\.\de-\d+", entry.reason)]

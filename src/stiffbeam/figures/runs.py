@@ -175,10 +175,9 @@ def zoom_on_stop(axis: Axes, record: ContactRecord) -> None:
 
 def draw_stops(axis: Axes, stops: Stops, horizontal: bool) -> None:
     """Dotted lines at the stops."""
-    for stop in (stops.lower_bound, stops.upper_bound):
-        if np.isfinite(stop):
-            line = axis.axhline if horizontal else axis.axvline
-            line(stop, color="0.45", lw=0.9, ls=":", zorder=0.9)  # above the grid
+    for stop in stops.sides.values():
+        line = axis.axhline if horizontal else axis.axvline
+        line(stop, color="0.45", lw=0.9, ls=":", zorder=0.9)  # above the grid
 
 
 def run_figure(run: Trajectory) -> Figure:

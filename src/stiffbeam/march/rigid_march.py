@@ -62,7 +62,7 @@ class RigidStepper:
         them. An impact before a contact at t = 0 has opened is part of that contact. A rigid stop has no largest force
         but an impulse, so peaks are NaN. The largest mean of a step, ``max(abs(force))``, grows like 1/dt.
         """
-        between = (u > stops.lower_bound) & (u < stops.upper_bound)
+        between = (u > stops.law.g1) & (u < stops.law.g2)
         # The contact at t = 0 lasts to the step before the first position between the stops.
         held = int(np.argmax(between)) if np.any(between) else len(u)
         t, size = np.arange(since, len(R)) * self.dt, np.abs(R[since:]) * self.dt
@@ -126,7 +126,7 @@ class RigidStepper:
         if m:
             self._require_giving_way(compliance)
         # Where the stops stand in the arguments: at (1 + e) g for x_new + e x_old, at 0 for velocities.
-        ends = np.array([[s.lower_bound, s.upper_bound] for s in stops]).reshape(m, 2)
+        ends = np.array([[s.law.g1, s.law.g2] for s in stops]).reshape(m, 2)
         codes = [CODES[kind] for kind in kinds]
         bounds = [(1.0 + x[:, None]) * ends if c == AT_A_STOP else np.where(np.isfinite(ends), 0.0, ends)
                   for c, x in zip(codes, old, strict=True)]  # fmt: skip

@@ -157,7 +157,7 @@ class Stops(Frozen):
         # The gap between the sides.
         if self.lower is None and self.upper is None:
             raise InputError("stops", "no side", "have a lower or an upper stop", "for no contact leave stops out")
-        if not self.lower_bound < self.upper_bound:
+        if not self.law.g1 < self.law.g2:
             raise InputError("stops.upper", self.upper, f"be > stops.lower = {self.lower}", "leave a gap between them")
         if self.position is not None:
             vars(self)["position"] = number("stops.position", self.position, exact=True, least=0.0)
@@ -172,20 +172,10 @@ class Stops(Frozen):
         )
         return f"Stops({', '.join(shown)})"
 
-    @property
-    def lower_bound(self) -> float:
-        """The lower stop, -inf where that side is free."""
-        return -math.inf if self.lower is None else float(self.lower)
-
-    @property
-    def upper_bound(self) -> float:
-        """The upper stop, +inf where that side is free."""
-        return math.inf if self.upper is None else float(self.upper)
-
     @cached_property
     def sides(self) -> dict[int, float]:
         """The stop on each side that has one, the upper one, +1, before the lower, -1."""
-        return {side: g for side, g in ((1, self.upper_bound), (-1, self.lower_bound)) if math.isfinite(g)}
+        return {side: g for side, g in ((1, self.law.g2), (-1, self.law.g1)) if math.isfinite(g)}
 
     @property
     def rigid(self) -> bool:
@@ -199,10 +189,11 @@ class Stops(Frozen):
 
     @cached_property
     def law(self) -> Law:
-        """(kappa, g1, g2, p, c, lambda) as the terms of the law take them."""
-        return Law(
-            float(self.stiffness), self.lower_bound, self.upper_bound, *(float(getattr(self, name)) for name in LINEAR)
+        """(kappa, g1, g2, p, c, lambda) as the terms of the law take them, -inf and inf where a side is free."""
+        lower, upper = (
+            free if g is None else float(g) for g, free in ((self.lower, -math.inf), (self.upper, math.inf))
         )
+        return Law(float(self.stiffness), lower, upper, *(float(getattr(self, name)) for name in LINEAR))
 
     @cached_property
     def linear(self) -> bool:
@@ -212,7 +203,7 @@ class Stops(Frozen):
     def penetration(self, v: ArrayLike) -> Array:
         """v - clip(v, g1, g2): > 0 into the upper stop, < 0 into the lower, 0 between them."""
         v = np.asarray(v, float)
-        return v - np.clip(v, self.lower_bound, self.upper_bound)
+        return v - np.clip(v, self.law.g1, self.law.g2)
 
     def require_linear(self, for_what: str, damped: bool = False, remedy: str = "leave it out") -> None:
         """Raise InputError unless the law is the linear one; ``damped``: or unilateral Kelvin-Voigt."""
@@ -243,7 +234,7 @@ class Stops(Frozen):
         Without damping that is v > g2 and v < g1 (strict). With a damped stop contact ends earlier; needs ``velocity``.
         """
         v = np.asarray(v, float)
-        chi = (v > self.upper_bound).astype(np.int64) - (v < self.lower_bound).astype(np.int64)
+        chi = (v > self.law.g2).astype(np.int64) - (v < self.law.g1).astype(np.int64)
         return chi * (self.force(v, velocity) != 0.0) if self.law.damps else chi
 
 

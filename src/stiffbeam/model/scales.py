@@ -69,7 +69,7 @@ def scales(system: System, t_end: float = np.inf) -> Scales:
             if not stops.rigid:  # by the spring with the same force where the stop holds the energy V^2/2
                 kappa = chord(depth_holding(0.5 * largest**2, law), law)
                 others.append(float(np.sqrt(kappa) * _lightness(basis, contact)))
-            across = 2.0 * largest * np.abs(basis.force(contact.row)) / (stops.upper_bound - stops.lower_bound)
+            across = 2.0 * largest * np.abs(basis.force(contact.row)) / (stops.law.g2 - stops.law.g1)
             least = np.where(across > 0.0, np.minimum(least, across), least)
         least = np.minimum(least, min((x for x in others if x > 0.0), default=np.inf))
         rates = np.where(drifts, np.where(np.isfinite(least), least, 0.0), rates)

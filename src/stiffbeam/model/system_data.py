@@ -68,7 +68,6 @@ def data_of(system: System) -> SystemData:
     terms = leaves(*system.time_functions)
     system.drive.require_closed_form("a derivative")
     stops = [contact.stops for contact in system.contacts]
-    finite = lambda g: g if np.isfinite(g) else 0.0  # noqa: E731
     harmonics = [(f.amplitude, f.frequency, f.phase) for f in terms if isinstance(f, Harmonic)]
     records = [f.taylor(f.t[:-1]) for f in terms if isinstance(f, Sampled)]
     return SystemData(
@@ -78,8 +77,8 @@ def data_of(system: System) -> SystemData:
         rows=np.array([contact.row for contact in system.contacts]).reshape(m, n),
         kappa=np.array([0.0 if s.rigid else float(s.stiffness) for s in stops]),
         c=np.array([float(s.damping) for s in stops]),
-        lower=np.array([finite(s.lower_bound) for s in stops]),
-        upper=np.array([finite(s.upper_bound) for s in stops]),
+        lower=np.array([s.sides.get(-1, 0.0) for s in stops]),
+        upper=np.array([s.sides.get(1, 0.0) for s in stops]),
         restitution=np.array([s.restitution or 0.0 for s in stops], float),
         observe=np.zeros(n) if system.observe is None else system.observe,
         loads=np.array([vector for vector, _ in loads]).reshape(len(loads), n),

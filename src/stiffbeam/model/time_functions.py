@@ -272,7 +272,7 @@ class Sampled(Derivable):
         for t in (start, end):
             if not self.t[0] - slack <= t <= self.t[-1] + slack:
                 rule = f"be evaluated within its samples, [{self.t[0]:.12g}, {self.t[-1]:.12g}]"
-                remedy = "give samples from 0, in a case file by start = 0, to the end of the run, 0 where nothing acts"
+                remedy = "let it begin at 0, in a case file by start = 0, and reach t_end, 0 where nothing acts"
                 raise InputError("a sampled time function", f"t = {t:.12g}", rule, remedy)
 
     def _at(self, t: ArrayLike, order: int) -> Array:
@@ -364,10 +364,12 @@ def derivative(function: TimeFunction, order: int) -> LoadFunction:
 def time_function(field: str, function: Any, moves: bool = False) -> Any:
     """``function`` if it is one of time: a TimeFunction, or a callable. A base or a stop that ``moves`` by it takes its
     rate and acceleration too."""
-    timed = isinstance(function, TimeFunction) or (callable(function) and not moves)
-    if isinstance(function, type) or not timed:
-        kinds = "be a Harmonic, a Constant or a function of time"
-        rule = "have value(t), rate(t) and acceleration(t)" if callable(function) else kinds
+    bare = callable(function) and not isinstance(function, type)
+    timed = isinstance(function, TimeFunction) and not isinstance(function, type)
+    if not timed and (moves or not bare):
+        rule = (
+            "have value(t), rate(t) and acceleration(t)" if bare else "be a Harmonic, a Constant or a function of time"
+        )
         raise InputError(field, function, rule, "for example Harmonic(0.1, 2.0)")
     return function
 

@@ -52,9 +52,7 @@ def rebounds(t: Array, u: Array, v: Array, stops: Stops) -> Impacts:
     millionth of the largest is no approach: a body at rest on its stop may move by rounding.
     """
     step, rows = np.diff(t), np.zeros((0, 2))
-    for sign, g in ((-1.0, stops.lower_bound), (1.0, stops.upper_bound)):
-        if not np.isfinite(g):
-            continue
+    for sign, g in stops.sides.items():
         speed = sign * v
         gap, rounding = sign * (g - u), AT_REST * max(abs(g), float(np.max(np.abs(u))))
         near = gap[:-1] <= 1.5 * step * np.maximum(speed[:-1], 0.0) + rounding

@@ -183,7 +183,7 @@ class ContactRecord:
     @property
     def scale(self) -> float:
         """Scale of an error of ``position``: max |position|, or the gap to the nearer stop."""
-        nearer = min((abs(g) for g in (self.stops.lower_bound, self.stops.upper_bound) if np.isfinite(g)), default=0.0)
+        nearer = min(map(abs, self.stops.sides.values()), default=0.0)
         return max(float(np.max(np.abs(self.position))), nearer)
 
     def __repr__(self) -> str:

@@ -46,7 +46,7 @@ def free_system(system: System) -> Free:
     waves = np.array([0.0, *drive.frequencies])
     rows = np.array([c.row for c in system.contacts]).reshape(m, n) @ X
     each = [c.stops for c in system.contacts]
-    stops = np.array([(x.lower_bound, x.upper_bound) for x in each], float).reshape(m, 2)
+    stops = np.array([(x.law.g1, x.law.g2) for x in each], float).reshape(m, 2)
     laws = np.array([(x.stiffness, x.damping, -1.0 if x.restitution is None else x.restitution) for x in each], float)
     shared: dict[str, Any] = {
         "w2": w2, "damping": D, "coupling": coupling, "rows": rows, "stops": stops,

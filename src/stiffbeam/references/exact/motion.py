@@ -290,7 +290,7 @@ class Motion:
         if not self.system.rigid or channel >= len(self.system.contacts):
             return u, v
         stops, side = self.system.contacts[channel].stops, self.sides[self.piece_at(t), channel]
-        u = np.where(side > 0, stops.upper_bound, np.where(side < 0, stops.lower_bound, u))
+        u = np.where(side > 0, stops.law.g2, np.where(side < 0, stops.law.g1, u))
         return u, np.where(side != 0, 0.0, v)
 
     def press(self, contact: int, starts: Array, ends: Array) -> tuple[Array, Array]:

@@ -308,7 +308,7 @@ def audit(solution: Motion, t_end: float) -> None:
     piece, (wrong, held) = solution.piece_at(t), np.zeros((2, len(t)))
     for i, contact in enumerate(system.contacts):
         stops, chi, u = contact.stops, solution.sides[piece, i], solution.path(t, i)[0]
-        stop = np.where(chi > 0, stops.upper_bound, np.where(chi < 0, stops.lower_bound, 0.0))
+        stop = np.where(chi > 0, stops.law.g2, np.where(chi < 0, stops.law.g1, 0.0))
         law = stops.energy(u)
         wrong += np.abs(np.where(chi != 0, 0.5 * stops.law.kappa, 0.0) * (u - stop) ** 2 - law)
         held += law
