@@ -65,7 +65,7 @@ def _stage(runs: Sequence[Trajectory], t: Array) -> tuple[Any, Any]:
         curves.append((above.plot(x, shape[0], **style)[0], shape, below.plot(t, tip, **style)[0], tip))
     stops = [
         (beam.place(each), bound + evaluate(each.motion, t))
-        for each in beam.all_stops for bound in (each.lower_bound, each.upper_bound) if np.isfinite(bound)
+        for each in beam.all_stops for bound in each.sides.values()
     ]  # fmt: skip
     (marks,) = above.plot([place for place, _ in stops], [0.0] * len(stops), "_", color="0.25", ms=18.0, mew=5.0)
     reach = 1.15 * max(
