@@ -104,7 +104,7 @@ REMEDIES = [
     ((exact, TWICE), "leave one out", (exact, RIGID)),
     ((exact, oscillator(HARD, offset=sb.Sampled(T, 0.01 * np.sin(T)))), 'samples of kind "cubic"',
      (exact, oscillator(HARD, offset=MOVED))),
-    ((exact, oscillator(STOP, sb.Sampled(T + 5.0, T))), "give samples from 0",
+    ((exact, oscillator(STOP, sb.Sampled(T + 5.0, T))), "let it begin at 0",
      (exact, oscillator(STOP, sb.Sampled(T, T)))),
     ((exact, HERTZ, "multiprecision"), LEAST + OTHER, (exact, LINEAR, "multiprecision"), (exact, HERTZ, "cvode-adams")),
     ((exact, RIGID, "multiprecision"), "use the method exact, or a large one", (exact, RIGID),
