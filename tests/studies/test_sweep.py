@@ -163,3 +163,13 @@ def test_the_period_of_a_motion_is_that_of_its_size():
     options = {"method": "exact", "periods": 12, "transient": 80, "dt": 1e-2, "t_end": 1.0}
     answer = study("sweep", system, parameter="amplitude", values=[0.0, 1e-4, 1.0], **options).answer
     assert "every period of the drive at 1 of 3 values, every 2 to 8 periods at 2" in answer.verdict
+
+
+def test_a_sweep_of_a_hertz_stop_asks_for_a_scheme():
+    """Not for a field of the ensemble beneath it, at every value anew."""
+    options = {"values": [2.5, 3.5], "method": "exact", "periods": 3, "dt": 1e-2, "t_end": 1.0}
+    stops = sb.Stops(upper=0.5, stiffness=9.0, exponent=1.5)
+    hertz = one_mass(1.0, stops, damping=0.5, load=sb.Harmonic(1.0, 2.6))
+    with pytest.raises(sb.InputError, match="name a scheme as method, or transient=0"):
+        study("sweep", hertz, transient=2, **options)
+    assert study("sweep", hertz, transient=0, **options).answer.verdict.startswith("exact over frequency")

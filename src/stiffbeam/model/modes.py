@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce, wraps
 from operator import mul
-from threading import Lock
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ BITS = 200  # of products of matrices whose sums cancel
 SMALL = 100  # unknowns up to which all pairs are refined
 SUMMED = 8.0  # times sqrt(n) eps of its terms: more than twice what sums of n^2 of them have been seen to lose
 ENOUGH = 1e-10  # of lambda: beyond SMALL those that the solver knows to that much are left as they are
-_PRECISION = Lock()  # of flint, which has one for all threads
+PRECISION = RLock()  # of flint, which has one for all threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,7 +342,7 @@ def exact_product(*factors: Array) -> Array:
     """The product of matrices, each entry rounded once."""
     from flint import arb_mat, ctx
 
-    with _PRECISION, ctx.workprec(BITS):
+    with PRECISION, ctx.workprec(BITS):
         product = reduce(mul, (arb_mat(factor.tolist()) for factor in factors))
         return np.array(product.tolist(), float)
 

@@ -40,6 +40,7 @@ from ..basics.validation import InputError, exact_value
 from ..kernels.library import Marks
 from ..model.beam import velocity_curvature_matrices
 from ..model.contact import Stops
+from ..model.modes import PRECISION
 from ..model.problem import BeamProblem, PointLoad, PolynomialProfile, Profile
 from ..model.semidiscretisation import bending_stencil, curvature_stencil
 from ..model.system import System
@@ -115,7 +116,7 @@ def carry(system: System, t_end: float, digits: int, guard: int = GUARD_BITS, ou
     in the eigenproblem. How much of it there is shows when another guard gives other outputs.
     """
     full = math.ceil(digits * BITS) + guard
-    with ctx.workprec(full + guard):
+    with PRECISION, ctx.workprec(full + guard):
         solver = PreciseSolver(system, t_end, full, guard)
         return solver.motion(solver.follow(), outputs)
 

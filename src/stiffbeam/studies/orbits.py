@@ -67,7 +67,8 @@ class Orbits(Study):
         """The branch."""
         period = drive_period(case.system(self.form))
         if period is None:
-            raise InputError("case", case.name, "have one drive frequency, for an orbit to repeat", "use one Harmonic")
+            rule = "have one drive frequency, for an orbit to repeat"
+            raise InputError("case", case.name, rule, "drive it by one Harmonic")
         along = values_of(self.parameter, self.values, 40, period)
         if min(along) == max(along):
             raise InputError("values", along, "span a range", "for example 8:14:60")

@@ -29,8 +29,8 @@ from ..measures.report import percent
 from ..model.members import with_values
 from ..model.modes import modes
 from ..model.system import System
+from ..references import substitute
 from ..references.ensemble import reference_ensemble
-from ..references.exact.solution import refuse
 from ..schemes import Scheme
 from ..trajectory.ensemble import Ensemble
 from ..trajectory.trajectory import Diverged, SolverFailure
@@ -80,18 +80,18 @@ class Sweep(Study):
         if period is None:  # every value is one run from 0 to t_end, without sections
             nominal.drive.require_samples(case.t_end)
             shared |= {"periods": 1, "transient": 0, "t_end": case.t_end}
-        if scheme is None and shared["transient"]:
-            refuse(nominal, case.t_end, "name a scheme as method, or transient=0")
-        for end in (min(values), max(values)):  # what a scheme refuses in between is a row
-            setup_of(nominal, parameter, end, shared["dt"], shared.get("t_end"))
+        for value in (min(values), max(values)):  # what a scheme refuses in between is a row
+            system, T, _ = setup_of(nominal, parameter, value, shared["dt"], shared.get("t_end"))
+            if scheme is None and shared["transient"] and substitute(system, shared["transient"] * T):
+                remedy = "name a scheme as method, or transient=0: other solvers record contacts from the start only"
+                raise InputError("method", EXACT, "be a scheme for a case without an exact solution", remedy)
         size = -(-len(values) // BATCHES)
         return [{**shared, "values": values[i : i + size]} for i in range(0, len(values), size)]
 
     def _chosen(self, case: Case) -> tuple[str, Scheme | None]:
         """Label and scheme of the method, None for the exact solution."""
-        method: Any = self.method
-        if method is None:
-            method = next((run for run, *_ in case.runs if base.takes(case, run)), EXACT)
+        fitting = (run for run, *_ in case.runs if base.takes(case, run))
+        method: Any = next(fitting, EXACT) if self.method is None else self.method
         return (EXACT, None) if method == EXACT else next(iter(base.chosen_schemes(case, [method]).items()))
 
     def run(self, case: Case, values: list[float], **point: Any) -> list[Row]:
@@ -139,8 +139,7 @@ class Sweep(Study):
         if by_value:
             # Of the motion at every value: the largest of |u| and |u'|/w in its section, w the drive's frequency.
             size = table[table.kind == "section"].groupby(parameter)["size"].max()
-            size = size.clip(lower=REST * size.max())
-            found = [repeats_after(section, size[value]) for value, section in by_value.items()]
+            found = [repeats_after(tips, max(size[value], REST * size.max())) for value, tips in by_value.items()]
             longer, short = sum(p is not None and p > 1 for p in found), found.count(None)
             verdict = f"the tip repeats itself every period of the drive at {found.count(1)} of {len(found)} values, "
             verdict += f"every 2 to {LONGEST} periods at {longer}, and not at all at {found.count(0)} (to {SAME:g})"
@@ -165,8 +164,7 @@ class Sweep(Study):
             for i, (place, rows) in enumerate(_places(contacts)):
                 style = method | {"linestyle": dashed(i), "lw": 0.5, "label": place.strip()}
                 axis.plot(rows[self.parameter], rows[quantity] / scale, **style)
-            axis.set(title=label)
-            axis.set_ylim(bottom=0.0)
+            axis.set(title=label, ylim=(0.0, None))
         axes[-1].set_xlabel(named(case, self.parameter))
         if 0.0 < LOG_RANGE * table[self.parameter].min() < table[self.parameter].max():
             log_scale(axes[-1], y=False)
