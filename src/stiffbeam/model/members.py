@@ -277,7 +277,8 @@ def _rebuilt(system: System, problem: BeamProblem, changed: BeamProblem) -> Syst
         if before != after and speed != 0.0 and abs(speed - before) <= 1e-6 * abs(before):
             rule = "be kept where the beam starts with the speed of its base"
             raise InputError("base", "another speed at the start", rule, "build the systems one by one")
-    return semidiscretise(changed, system.cells or system.size, system.form)
+    assert system.origin is not None
+    return semidiscretise(changed, system.origin.cells, system.form)
 
 
 DRIVE, CLEARANCE = ("frequency", "amplitude"), "clearance"
