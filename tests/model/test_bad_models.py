@@ -135,7 +135,7 @@ NO_SYSTEM = [
     (lambda: reduced(np.eye(4), np.diag([1.0, 1.0, 1.0, 0.0])), "hold the system"),
     (lambda: reduced(np.eye(4), np.eye(4), row=(1.0, 0.0)), "observe must be 4 finite"),
     (lambda: reduced(np.diag([1.0, 1.0, -1.0, 1.0]), np.eye(4)), "positive semidefinite"),
-    (lambda: reduced(np.diag([1.0, 0.0, 0.0, 1.0]), np.eye(4), modes=2), "of a rank above 2, got 'rank 2, "),
+    (lambda: reduced(np.diag([1.0, 0.0, 0.0, 1.0]), np.eye(4), modes=2), "of a rank above 2, got 'rank 2'"),
 ]  # fmt: skip
 NO_FUNCTION = [
     (lambda: sb.Harmonic(math.nan, 1.0), "^amplitude"), (lambda: sb.Harmonic(1.0, 0.0), "^frequency"),

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse
 from scipy.optimize import brentq
 
 import stiffbeam as sb
@@ -218,6 +219,7 @@ def test_modal_damping_is_the_ratio_asked_for():
     np.testing.assert_allclose(found.damping_ratio[:4], [0.02, 0.05, 0.0, 0.0], atol=1e-12)
     mass, stiffness = np.diag([1.0, 2.0]), np.array([[30.0, -10.0], [-10.0, 20.0]])
     C = sb.modal_damping(mass, stiffness, 0.03)
+    assert np.array_equal(sb.modal_damping(scipy.sparse.csr_array(mass), stiffness, 0.03), C)
     system = sb.System.from_matrices(mass, stiffness, C, observe=[1.0, 0.0])
     np.testing.assert_allclose(sb.modes(system).damping_ratio, 0.03, rtol=1e-12)
     w, shape = sb.modes(system).omega[0], sb.modes(system).shapes[:, 0]

@@ -129,8 +129,8 @@ def case_of(system: System, dt: float | None, t_end: float | None, name: str = "
     step_count(dt, t_end)
     runs = tuple((scheme, system.form) for scheme in default_schemes(c.stops for c in system.contacts))
     beam = system.problem
-    if beam is not None and system.cells is not None:
-        case = Case(name, name, beam, system.cells, dt, t_end, runs)
+    if beam is not None and system.origin is not None:
+        case = Case(name, name, beam, system.origin.cells, dt, t_end, runs)
         # Only if the grid makes this very system: other data or matrices would be lost with the problem.
         if case.system(system.form).fingerprint == system.fingerprint and case.forms[0] == system.form:
             return case

@@ -246,13 +246,13 @@ def with_values(system: System, values: Mapping[str, float]) -> System:
         except LookupError as error:
             known = list(dict.fromkeys([*DRIVE, CLEARANCE, *paths_of(system)]))
             raise InputError("parameter", path, "be a path to a number of the system", near(path, known)) from error
-    if system.problem is None:
+    if system.problem is None or system.origin is None:
         return root
     problem = system.problem
     if problem.initial_velocity is not None and root.base != problem.base:
         rule = "be kept where the beam has an initial velocity, which may be that of its base"
         raise InputError("base", "another base motion", rule, "build the systems one by one")
-    return semidiscretise(root, system.cells or system.size, system.form)
+    return semidiscretise(root, system.origin.cells, system.form)
 
 
 DRIVE, CLEARANCE = ("frequency", "amplitude"), "clearance"

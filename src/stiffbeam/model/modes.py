@@ -2,7 +2,7 @@
 
 Of the eigenpairs of K x = lambda M x the smallest lambda has as many digits as the largest. A solver for symmetric
 matrices errs by eps lambda_max in every eigenvalue. Its vectors X are good enough to start from: S = X^T K X and
-R = X^T M X, summed with twice the digits, are graded, S_ij of the size sqrt(S_ii S_jj) or below. One-sided Jacobi
+R = X^T M X, each entry rounded once, are graded, S_ij of the size sqrt(S_ii S_jj) or below. One-sided Jacobi
 rotations of a Cholesky factor, LAPACK's dgejsv, err by eps lambda_j in each eigenvalue of such a matrix (Demmel and
 Veselic, SIAM J. Matrix Anal. Appl. 13, 1992).
 """
@@ -22,10 +22,10 @@ import scipy.linalg.lapack
 from numpy.typing import ArrayLike
 
 from ..basics.arrays import Array, Recent, content
-from ..basics.validation import InputError, numbers
+from ..basics.validation import InputError
 from .equations import Equation
 from .problem import ratios_of
-from .system import System, require_system
+from .system import System, checked_matrix, require_system
 
 EPS = float(np.finfo(float).eps)
 PASSES = 5
@@ -241,8 +241,8 @@ def modal_damping(mass: ArrayLike, stiffness: ArrayLike, ratio: float | Sequence
     >>> sb.modal_damping([[2.0]], [[8.0]], 0.05)
     array([[0.4]])
     """
-    size = len(np.atleast_1d(numbers("mass", mass, remedy="give the matrix as rows")))
-    system = System.from_matrices(mass, stiffness, observe=np.ones(size))
+    checked = checked_matrix("mass", mass)
+    system = System.from_matrices(checked, stiffness, observe=np.ones(len(checked)))
     return damping_of(undamped_modes(system), ratio)
 
 

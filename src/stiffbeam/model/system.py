@@ -298,11 +298,6 @@ class System(Frozen):
         """The space discretisation that made the matrices, "matrices" for anyone's own."""
         return self.origin.form if self.origin else "matrices"
 
-    @property
-    def cells(self) -> int | None:
-        """The cells of the beam's grid, None for anyone's own matrices."""
-        return self.origin.cells if self.origin else None
-
     def keeps(self, *names: str) -> bool:
         """Return True if these arrays equal those that the beam gave, number by number."""
         return self.origin is not None and all(same(getattr(self.origin.made, x), getattr(self, x)) for x in names)
@@ -378,9 +373,9 @@ class System(Frozen):
 
         t (m,), q (m, n), x (...) -> (m, ...). Raises InputError for a system that is not a beam, and for x outside it.
         """
-        if self.problem is None or self.cells is None:
+        if self.problem is None or self.origin is None:
             raise InputError("displacement(x)", self.form, "be asked of a beam", "for from_matrices use run.states")
-        return beam_field(self.problem, self.form, self.cells, np.asarray(t, float), q, x, of)
+        return beam_field(self.problem, self.form, self.origin.cells, np.asarray(t, float), q, x, of)
 
     @property
     def exact_parameters(self) -> tuple[str, ...]:

@@ -20,7 +20,6 @@ from . import base
 from .base import Answer, Row, Study, Table, option
 
 SAMPLES = 2000
-FINE = "hermite"  # of fourth order, the other forms of second
 TITLES = {"frequency": "natural frequencies", "response": "driven tip, no contact"}
 
 
@@ -61,7 +60,7 @@ class Space(Study):
         coarse = replace(case, cells=cells)
         if kind == "contact":
             return self._contact(case, coarse, form)
-        fine = replace(case, cells=max(self.finest, 2 * cells)).system(FINE)
+        fine = replace(case, cells=max(self.finest, 2 * cells)).system("hermite")  # of fourth order
         systems = [without_contact(x) for x in (coarse.system(form), fine)]
         if kind == "response":
             value, exact = (_response(system, case) for system in systems)
