@@ -31,7 +31,7 @@ def test_a_wrong_array_is_an_error_and_no_crash(wrong):
 
 
 def test_a_kernel_refuses_arrays_that_do_not_fit_each_other():
-    law = sb.Stops(upper=0.0, stiffness=1.0).law[None]
+    law = np.array([sb.Stops(upper=0.0, stiffness=1.0).law])
     with pytest.raises(TypeError):
         contact_forces(np.zeros(2), np.zeros(1), law)
     with pytest.raises(TypeError):
