@@ -125,7 +125,7 @@ def case_of(system: System, dt: float | None, t_end: float | None, name: str = "
     Raises InputError without a step and a time span, which a System does not have.
     """
     instance("case", system, System, "make it with semidiscretise or from_matrices, or take a Case")
-    dt, t_end = positive("dt", dt), positive("t_end", t_end)
+    t_end, dt = positive("t_end", t_end), positive("dt", dt)
     step_count(dt, t_end)
     runs = tuple((scheme, system.form) for scheme in default_schemes(c.stops for c in system.contacts))
     beam = system.problem
