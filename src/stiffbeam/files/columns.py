@@ -58,7 +58,7 @@ def read_columns(file: Path, field: str) -> pandas.DataFrame:
         cells = cells.replace(f"^{COMMA}$", r"\1.\2", regex=True)
     values = cells.apply(pandas.to_numeric, errors="coerce").to_numpy(float)
     for row, column in np.argwhere(~np.isfinite(values))[:1]:
-        found = f"{file}, line {lines[row]}: {cells.iloc[row, column]!r}"
+        found = f"{file}, line {lines[row]}: {cells.iloc[row, column]!r:.50}"
         raise InputError(field, found, "be a finite number", "write a number into every cell below the names")
     # The csv module reads no cells that are longer.
     heads = csv.reader([head[:100_000].strip(" ")], delimiter=_separator(head), skipinitialspace=True)
