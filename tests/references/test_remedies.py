@@ -148,7 +148,7 @@ REMEDIES = [
     ((members, LAWLESS), GIVE, (members, RIGID)),
     ((reduced, 3), "ask for fewer", (reduced, 1)),
     ((orbits, HERTZ), LEAST, (orbits, LINEAR)),
-    ((orbits, SAMPLED), "use one Harmonic", (orbits, LINEAR)),
+    ((orbits, SAMPLED), "drive it by one Harmonic", (orbits, LINEAR)),
     ((limit, oscillator(STOP | {"exponent": 1.5}, damping=0.0)), LEAST, (limit, FREE)),
     ((limit, RIGID), LARGE, (limit, oscillator(STOP | {"stiffness": 1e8}, damping=0.0))),
     ((sweep, HERTZ, {"method": "exact"}), "name a scheme as method, or transient=0", (sweep, HERTZ, {"method": "HHT"}),

@@ -28,8 +28,8 @@ from .columns import read_samples
 
 
 def read_matrix(file: Path) -> Any:
-    """The array, dense or SciPy sparse, of a file: Matrix Market .mtx (a symmetric half stands for the whole),
-    SciPy's .npz, NumPy's .npy. Nothing is unpickled. Raises InputError for any other file."""
+    """The array, dense or SciPy sparse, of a regular file: Matrix Market .mtx (a symmetric half stands for the
+    whole), SciPy's .npz, NumPy's .npy. Nothing is unpickled. Raises InputError for any other file."""
     from scipy.io import mmread
     from scipy.sparse import load_npz
 
@@ -37,6 +37,8 @@ def read_matrix(file: Path) -> Any:
     if file.suffix not in readers:
         remedy = "write the matrix by scipy.io.mmwrite or numpy.save; scipy.io.loadmat reads .mat"
         raise InputError("", str(file), f"be a file of {', '.join(readers)}", remedy)
+    if not file.is_file():  # devices and pipes have no end
+        raise InputError("", str(file), "be a regular file that exists", "give its path relative to the case file")
     try:
         return readers[file.suffix](file)
     except Exception as error:  # whatever the readers of three formats raise for a damaged file
