@@ -130,10 +130,9 @@ class Sweep(Study):
                         row[end] = f"{known[name][k] / scale:.4g} at {parameter} {table[parameter][k]:.5g}"
                     small.append(row)
         values, by_value = table[parameter], sections(table, parameter)
-        notes = f"Single runs, t = 0 to {first.t_end:g}." if "t_end" in table else (
-            f"{self.periods} periods of the drive after {self.transient}."
-            f"{_transient(case.system(self.form), self.transient)}"
-        )  # fmt: skip
+        notes = f"{self.periods} periods of the drive after {self.transient}."
+        notes += _transient(case.system(self.form), self.transient)
+        notes = f"Single runs, t = 0 to {first.t_end:g}." if "t_end" in table else notes
         most = [f"most {x['over all values']}: {x['most']}" for x in small if "impacts" in x["over all values"]]
         verdict = "; ".join(most) or "no contact"
         if by_value:
