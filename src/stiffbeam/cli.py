@@ -114,8 +114,11 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
 
 def _json_file(_: Any, file: Path | None) -> None:
     """Raise InputError for a --json that cannot be a file, before anything is computed."""
-    if file is not None and str(file) != "-":
-        make_folder(file.parent, "--json")
+    if file is None or str(file) == "-":
+        return
+    make_folder(file.parent, "--json")
+    if file.is_dir() or (file.exists() and not os.access(file, os.W_OK)):
+        raise InputError("--json", str(file), "be a file that can be written to", "name another, or - for the terminal")
 
 
 # Options that several commands have.
@@ -218,7 +221,7 @@ def compare(
     chosen, options = asked_case(case, dt, t_end), options or Options()
     positive("--budget", options.budget)
     schemes, names = (
-        None if text is None else [x.strip() for x in split_runs(text)]
+        None if text is None else [x.strip() for x in split_runs(text)] or [text]
         for text in (options.schemes, options.references)
     )
     folder = out if out is not None else default_folder(chosen.name)

@@ -74,8 +74,8 @@ def path_of(keys: Iterable[Any]) -> str:
 
 UNITS = {  # of quantities, in the units L of length, T of time and F of force
     "length": "L", "time": "T", "force": "F", "velocity": "L/T", "frequency": "rad/T", "rate": "1/T", "impulse": "F T",
-    "energy": "F L", "power": "F L/T", "stop stiffness": "F/L", "stop damping": "F T/L", "stop dissipation": "T/L",
-    "force per length": "F/L", "mass per length": "F T²/L²", "bending stiffness": "F L²", "bending viscosity": "F L² T",
+    "energy": "F L", "stop stiffness": "F/L", "stop damping": "F T/L", "stop dissipation": "T/L",
+    "mass per length": "F T²/L²", "bending stiffness": "F L²", "bending viscosity": "F L² T",
 }  # fmt: skip
 
 

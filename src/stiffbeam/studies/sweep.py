@@ -268,6 +268,7 @@ QUANTITIES = {  # of parameters, by their path without numbers or by its last na
     "stiffness": "bending stiffness", "viscosity": "bending viscosity", "stops.stiffness": "stop stiffness",
     "stops.damping": "stop damping", "stops.dissipation": "stop dissipation", "frequency": "frequency",
     "clearance": "length", "lower": "length", "upper": "length", "position": "length", "base.amplitude": "length",
+    "mass_per_length": "mass per length",
 }  # fmt: skip
 
 
