@@ -227,8 +227,7 @@ def compare(
     folder = out if out is not None else default_folder(chosen.name)
     result = CaseComparison(chosen, options.form, options.contact, options.budget)
     tell, written = (say if str(json) != "-" else str), list[Path]()
-    # The tables follow the main reference; the last one, where solvers are to have their rows.
-    early, told = not set(schemes or ()) & set(REFERENCES), -1
+    early, told = not set(schemes or ()) & set(REFERENCES), -1  # solvers among the schemes have rows in the tables
     with working("starting", True) as show:
         try:
             for solution in result.run(schemes, names):
@@ -237,9 +236,9 @@ def compare(
                     tell("  ".join(dict.fromkeys([chosen.name, chosen.title])))
                 written.append(solution.save(folder / f"{file_name(solution.label)}.nc"))
                 compared = [c for c in result.comparisons if c.pair[0] is solution]
-                facts = f"{verdict(compared) if compared else largest(solution)} ({solution.work.seconds:.2g} s"
-                budget = solution.provenance.get("budget")
-                tell(f"{short(solution.provenance['method'])}: {facts}{f'; {budget}' if budget else ''})")
+                cost = [f"{solution.work.seconds:.2g} s", *filter(None, [solution.provenance.get("budget")])]
+                facts = f"{verdict(compared) if compared else largest(solution)} ({'; '.join(cost)})"
+                tell(f"{short(solution.provenance['method'])}: {facts}")
                 if early and told < 0 and result.references:
                     tell(f"\n{result.report().text()}\n")
                     told = len(result.failures)
@@ -254,8 +253,8 @@ def compare(
         finally:  # an interrupt loses only what is running
             if told < 0 and (written or result.failures):
                 tell(f"\n{result.report().text()}")
-            elif result.failures[told:]:
-                tell("\n".join("  ".join(failure) for failure in result.failures[told:]))
+            for failure in result.failures[told:] if told >= 0 else ():
+                tell("  ".join(failure))
             if written:
                 written.append(write_whole(folder / "comparison.txt", f"{result.report().text()}\n"))
             records = result.to_dict() | {"files": [path.name for path in written]}

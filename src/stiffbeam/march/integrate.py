@@ -157,8 +157,7 @@ def integrate(
         "implicit": every stage solves v = r + s F(v, v'), in closed form for one contact and the linear law.
         "extrapolated": the force at a node is F(v*), v* predicted from known values, as in the paper; it can overflow,
         and takes no damped stops. "conserving": the mean force over the step that keeps the sum of kinetic, elastic and
-        stop energy (see ``Treatment``), for schemes that conserve energy without contact; impulses are then
-        those of the mean forces.
+        stop energy (see ``Treatment``), for schemes that conserve energy without contact; impulses are of mean forces.
     every : int
         Keep every so many steps as output. Impacts, peaks and the energy ledger see every step.
 
