@@ -118,7 +118,7 @@ FAULTS = [
     ("model", "model/time_functions.py", "self.derivative + times)", "self.derivative)"),
     ("model", "model/reduction.py", "/ np.sqrt(squares[-modes:])", "/ squares[-modes:]"),
     ("model", "model/reduction.py", "[replace(contact, row=T.T @ contact.row) for", "[replace(contact, row=T.T @ contact.row, offset=None) for"),
-    ("model", "model/reduction.py", "if norm == 0.0:", "if False:"),
+    ("model", "model/reduction.py", "> LOST * (static @ (K @ static)):", "> np.inf:"),
     ("model", "model/scales.py", "np.sqrt(2.0 * stored), *moving, 0.0", "*moving, 0.0"),
     ("model", "model/scales.py", "square[towards] = np.minimum(square[towards], 2.0 *", "square[towards] = np.minimum(square[towards], 1.0 *"),
     ("references", "model/system_data.py", "[4.0, -6.0, 4.0, -1.0]", "[4.0, -6.0, 4.0, 1.0]"),

@@ -109,8 +109,9 @@ def test_dense_and_lanczos_give_the_same_modes(modes, monkeypatch):
     np.testing.assert_allclose(np.diag(dense.stiffness)[:modes], np.diag(sparse.stiffness)[:modes], rtol=1e-7)
 
 
-def test_a_load_that_moves_no_mass_is_refused():
-    K = np.array([[3.0, 0.0, -1.0], [0.0, 5.0, 0.0], [-1.0, 0.0, 3.0]])
+@pytest.mark.parametrize("beside", [0.0, -1.0], ids=["alone", "on a mass that is a mode"])
+def test_a_load_that_moves_no_mass_is_refused(beside):
+    K = np.array([[3.0, beside, 0.0], [beside, 5.0, 0.0], [0.0, 0.0, 7.0]])
     load = [([0.0, 1.0, 0.0], sb.Constant(1.0))]
     with pytest.raises(sb.InputError, match="loads, contacts and observe must move mass"):
         sb.reduce_model(np.diag([1.0, 0.0, 1.0]), K, None, load, observe=[1.0, 0.0, 0.0], modes=1)

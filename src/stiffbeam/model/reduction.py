@@ -34,7 +34,7 @@ from .time_functions import LoadFunction
 DENSE = 600  # unknowns up to which all modes are computed: Lanczos' method needs more than it looks for
 ROUNDING = 1e-13  # of the largest eigenvalue of K^-1 M, and of the largest pivot of K: a smaller one is zero
 INDEPENDENT = 1e-10  # of its size: a static deflection that has less left beside the modes adds nothing
-LOST = 1e-3  # of the norm of initial data: more is worth a warning
+LOST = 1e-3  # of the norm of initial data, and of the strain of a deflection: more is told
 
 
 def reduce_model(
@@ -147,14 +147,14 @@ def _basis(M: Any, K: Any, rows: Array, modes: int) -> tuple[Array, Array]:
         T = shapes[:, -modes:] / np.sqrt(squares[-modes:])
     # Of the static deflection of every force what it has beside the modes, in the metric of M.
     for static in factor.solve(rows).T:
-        norm = np.sqrt(static @ (M @ static))
-        if norm == 0.0:
-            raise InputError("loads, contacts and observe", "a row on massless unknowns", "move mass", "leave it out")
         beside = static - T @ (T.T @ (M @ static))
         beside = beside - T @ (T.T @ (M @ beside))  # twice, for orthogonality to rounding
-        size = np.sqrt(beside @ (M @ beside))
-        if size > INDEPENDENT * norm:
+        size, whole = (np.sqrt(x @ (M @ x)) for x in (beside, static))
+        if size > INDEPENDENT * whole:
             T = np.column_stack([T, beside / size])
+        elif beside @ (K @ beside) > LOST * (static @ (K @ static)):
+            rule, remedy = "move mass beside the modes", "leave it out, or give its unknowns mass"
+            raise InputError("loads, contacts and observe", "a row that bends massless unknowns alone", rule, remedy)
     # A diagonal system again: the appended deflections are no modes.
     small = T.T @ (K @ T)
     squares, turn = scipy.linalg.eigh(0.5 * (small + small.T), T.T @ (M @ T))
