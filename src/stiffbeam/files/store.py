@@ -265,7 +265,7 @@ def cached_reference(
     # Another version may round differently, or compute something else.
     versions = [platform.python_version(), storage.source_hash(), *map(version, ("stiffbeam", "numpy", "scipy"))]
     key = json.dumps([system.fingerprint, settings, versions, entry.versions()],
-                     default=lambda x: np.asarray(x).tolist())  # fmt: skip
+                     default=lambda x: x.tolist() if isinstance(x, (np.ndarray, np.generic)) else repr(x))  # fmt: skip
     file = storage.directory() / "references" / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.nc"
     if file.is_file():
         try:

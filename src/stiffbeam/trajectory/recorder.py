@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..basics.arrays import Array, step_lengths
-from ..basics.validation import InputError, numbers
+from ..basics.validation import InputError, instance, numbers
 from ..kernels.library import switch_time
 from ..model.contact import Stops, channel_motion, side_at_start
 from ..model.system import System, require_system
@@ -107,6 +107,7 @@ def run_fields(
     """The fields of a Trajectory except its work, see ``Trajectory.from_arrays``."""
     from scipy.interpolate import CubicSpline
 
+    instance("name", name, str, 'for example "mine"')
     given = numbers("t", t, remedy=OVERFLOWS)
     if given.ndim != 1 or len(given) < 3:
         raise InputError("t", f"shape {given.shape}", "be three or more numbers in a row", "give a list")
