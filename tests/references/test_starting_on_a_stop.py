@@ -216,3 +216,14 @@ def test_a_load_that_grows_from_zero_holds_a_body_on_its_stop(method, stiffness)
     impacts = sb.reference(system, 1.5, method).impacts
     assert impacts.count == 0
     assert impacts.at_start.ends == pytest.approx([np.pi / 3.0], rel=1e-2)
+
+
+@pytest.mark.parametrize("scheme", [sb.MoreauJean(), sb.PaoliSchatzman(), sb.NonsmoothGeneralisedAlpha()], ids=str)
+def test_a_start_beyond_a_rigid_stop_by_rounding_is_on_it_for_all(scheme):
+    stops = sb.Stops(upper=0.1, stiffness=np.inf, restitution=0.5)
+    contact = sb.Contact([1.0], stops)
+    start = {"initial_displacement": [0.1 * (1.0 + 5e-13)], "initial_velocity": [-1.0]}
+    system = sb.System.from_matrices([[1.0]], [[1.0]], contacts=[contact], **start)
+    run, reference = sb.integrate(system, scheme, 1e-3, 4.0), sb.reference(system, 4.0)
+    assert run.impacts.count == reference.impacts.count == 1
+    np.testing.assert_allclose(run.tip, reference.at(run.t)[0], atol=2e-3)
