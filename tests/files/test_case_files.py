@@ -385,7 +385,8 @@ WRITTEN = {
     "swapped": "force,time\n" + lines("{f},{t}"), "pandas": ",t,force\n" + lines("{i},{t},{f}"),
     "numpy": "# force t\n" + lines("{f} {t}"), "comments": "# a logger\n% more\n\n" + lines("{t} {f}") + "# end\n",
     "decimal commas and blanks": lines("{t} {f}", comma=True), "quotes": '"t","F"\n' + lines('"{t}","{f}"'),
-    "quoted commas": '"t","F"\n' + lines('"{t}";"{f}"', comma=True),
+    "quoted commas": '"t","F"\n' + lines('"{t}";"{f}"', comma=True), "spaced": lines("{t} ; {f}", comma=True),
+    "quoted comment": '"# of a logger"\n' + lines("{t},{f}"),
 }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from functools import partial
 
 import numpy as np
@@ -41,7 +42,8 @@ def test_every_variant_is_the_law_written_down(law):
 
     system, rng = pair(**law), np.random.default_rng(1)
     ode, descriptor = system.ode(), RightHandSide(system, descriptor=True)
-    traced = jax.jit(ode.jax)
+    traced, (address, data) = jax.jit(ode.jax), ode.cfunc
+    called = ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [ctypes.c_void_p])(address)
     for _ in range(50):
         t, y = float(rng.uniform(0.0, 3.0)), rng.normal(size=4) * [0.2, 0.2, 2.0, 2.0]
         q, v = y[::2], y[1::2]
@@ -54,6 +56,8 @@ def test_every_variant_is_the_law_written_down(law):
         with pytest.raises(sb.InputError, match=r"states \(k, 4\) or \(4, k\)"):
             ode.tip(times, rows[:, :3])
         assert np.asarray(traced(t, y)) == pytest.approx(rate, rel=1e-12, abs=1e-12)
+        called(t, y.ctypes.data, (out := np.empty(4)).ctypes.data, data)
+        assert out == pytest.approx(rate, rel=1e-12, abs=1e-12)
         z = np.pad(y, (0, descriptor.size - 4))
         assert descriptor.rate(t, z)[:4] == pytest.approx(rate, rel=1e-11, abs=1e-11)
         pressed = [event(t, y) > 0.0 for event in ode.events]

@@ -130,6 +130,7 @@ REMEDIES = [
     ((flow, GIVES), STOPPED + JAX, (flow, FREE), (jacobian, GIVES)),
     ((flow, PYTHON), SAMPLE, (flow, SAMPLED)),
     ((sb.System.ode, RIGID), LARGE, (sb.System.ode, STIFF)),
+    ((lambda x: x.ode().cfunc, PYTHON), SAMPLE, (lambda x: x.ode().cfunc, SAMPLED)),
     ((jacobian, PYTHON), SAMPLE, (jacobian, SAMPLED)),
     ((march, RIGID, sb.HHT()), "use MoreauJean(), PaoliSchatzman(), NonsmoothGeneralisedAlpha(), or a large finite",
      (march, RIGID, sb.MoreauJean()), (march, RIGID, sb.PaoliSchatzman()),

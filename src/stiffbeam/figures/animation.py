@@ -51,8 +51,8 @@ def _stage(runs: Sequence[Trajectory], t: Array) -> tuple[Any, Any]:
     system = runs[0].system
     beam = system and system.problem
     if system is None or beam is None or len({run.fingerprint for run in runs}) != 1:
-        rule = "be of one beam, the first not loaded from a file"
-        raise InputError("runs", f"{len(runs)} runs", rule, "integrate each with the same System object")
+        rule, remedy = "be of one beam, the first not loaded from a file", "draw others by run.plot()"
+        raise InputError("runs", f"those of {system!r}", rule, remedy)
     figure = new_figure(5.6, width=8.0)
     above, below = figure.subplots(2, 1, height_ratios=(1.6, 1.0))
     x = np.linspace(0.0, beam.length, POINTS)

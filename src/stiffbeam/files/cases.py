@@ -269,6 +269,8 @@ class Entry:
             remedy = "[case.problem] is a beam, [case.system] names matrices"
             rule = "be given, or a system" if self.system is None else "stand alone, without a system"
             raise InputError("problem", None, rule, remedy)
+        if self.system is not None and self.cells is not None:
+            raise InputError("cells", self.cells, "be left out", "a system of matrices has no grid")
         # A time step that does not divide the span is refused here, before any work.
         step_count(positive("dt", self.dt), positive("t_end", self.t_end))
         return Case(

@@ -22,7 +22,7 @@ SCALED = {"m", "mm", "cm", "km", "um", "µm", "in", "ft", "deg", "rad", "n", "mn
 TIMES = "t", "time", "zeit", "temps"  # names of the times, in small letters
 COMMA = r"([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)"  # a number with a decimal comma
 FIRST = re.compile(r'[\s",;]*[+-]?([.,]?\d|(nan|inf)\b)', re.IGNORECASE)  # number of a line
-COMMENT = re.compile(r"\s*[#%]")
+COMMENT = re.compile(r'[\s"]*[#%]')
 STEADY, HOLE = 0.01, 1.5  # in median steps: what equal ones differ by; from where on one is a hole
 
 
@@ -37,7 +37,7 @@ def read_columns(file: Path, field: str) -> pandas.DataFrame:
     remark, rows = "", dict[int, str]()
     for count, line in enumerate(regular_text(field, file, MOST_BYTES).splitlines(), 1):
         if COMMENT.match(line):
-            remark = remark if rows else line.lstrip(" #%")
+            remark = remark if rows else line.lstrip(' "#%')
         elif line.strip():
             rows[count] = line
     first = next(iter(rows), 0)
@@ -55,7 +55,7 @@ def read_columns(file: Path, field: str) -> pandas.DataFrame:
         where = f"{file}, line {lines[int(found[1]) - 1]}: {found[2]} columns" if found else f"{file}: {error}"
         raise InputError(field, where, "have as many cells in every line", "mend or leave out this line") from None
     if separator != ",":
-        cells = cells.replace(f"^{COMMA}$", r"\1.\2", regex=True)
+        cells = cells.replace(rf"^{COMMA}\s*$", r"\1.\2", regex=True)
     values = cells.apply(pandas.to_numeric, errors="coerce").to_numpy(float)
     for row, column in np.argwhere(~np.isfinite(values))[:1]:
         found = f"{file}, line {lines[row]}: {cells.iloc[row, column]!r:.50}"
@@ -74,7 +74,7 @@ def read_columns(file: Path, field: str) -> pandas.DataFrame:
 def _separator(line: str) -> str:
     """The character between the cells of a line."""
     blanks = line.split()
-    spaced = "," not in line or (len(blanks) > 1 and any(re.fullmatch(COMMA, x) for x in blanks))
+    spaced = "," not in line or (len(blanks) > 1 and any(re.fullmatch(COMMA, x) for x in blanks) and ", " not in line)
     return next((x for x in ";\t" if x in line), " " if spaced else ",")
 
 

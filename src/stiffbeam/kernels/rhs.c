@@ -88,6 +88,7 @@ static void rates(double t, const double *y, double *out, double *integrals, con
     if (e->damped) integrals[2 + m] = absorbed;
 }
 
+void state_rate(double t, const double *y, double *out, const Equations *e) { rates(t, y, out, NULL, e); }
 void right_hand_side(double t, const double *z, double *out, const Equations *e) { rates(t, z, out, out + e->n, e); }
 
 /* E z' - f(t, z). */

@@ -36,6 +36,7 @@ typedef struct {
 } Equations;
 
 /* z' (size,). */
+API void state_rate(double t, const double *y, double *out, const Equations *e);
 API void right_hand_side(double t, const double *z, double *out, const Equations *e);
 /* J[first + i + j stride] += cj E_ij + sign df_i/dz_j, the rows of the integrals left as they are. */
 API void jacobian(double t, const double *z, double cj, double sign, double *J, Int first, Int stride,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .comparison import Comparison, ContactComparison
 
 DASH = "–"
-WIDTH = 100  # letters of a line of text
+WIDTH, SCREEN = 100, 160  # letters of a line of text, and of a table's
 ROUNDING = 1e-9  # of an energy: less is rounding
 
 
@@ -111,9 +111,10 @@ class Report:
     tables: Sequence[tuple[str, Any]]  # (title, pandas.DataFrame), each to its number of rows
     after: Iterable[str] = ()
 
-    def text(self, width: int = WIDTH) -> str:
+    def text(self, width: int = SCREEN) -> str:
         """The report in lines of at most ``width`` letters; a wider table is in parts with the same first column."""
-        before, after = ([fill(line, width) for line in lines if line] for lines in (self.before, self.after))
+        wrap = min(width, WIDTH)
+        before, after = ([fill(line, wrap) for line in lines if line] for lines in (self.before, self.after))
         tables = [f"{title}\n{_table_text(frame, width)}\n".lstrip("\n") for title, frame in self.tables if len(frame)]
         return "\n".join([*before, *tables, *after])
 

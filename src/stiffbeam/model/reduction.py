@@ -85,6 +85,8 @@ def reduce_model(
     """
     M, K = _sparse("mass", mass), _sparse("stiffness", stiffness)
     n = int(M.shape[0])
+    if K.shape != M.shape:
+        raise InputError("stiffness", K.shape, f"have the shape of the mass, {M.shape}", "give one for each unknown")
     integer("modes", modes, 1)
     pairs, all_contacts = loads_of(loads, n), contacts_of(contacts, n)
     vectors = {name: vector(name, x, n) for name, x in data.items() if name != "units" and x is not None}

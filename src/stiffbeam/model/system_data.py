@@ -143,6 +143,8 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
         # A path such as "stops.stiffness" may stand for contacts with different values: no common derivative.
         rule = "be a number, and one value where it stands for several"
         raise InputError("wrt", path, rule, "name one of them, stops[0]") from None
+    if not np.isfinite(value):
+        raise InputError("wrt", path, "be finite: a rigid stop has no stiffness", "take another parameter")
     scale, centre = abs(value) or 1.0, base.vector()
 
     def numbers_at(x: float) -> Array:

@@ -185,7 +185,7 @@ def exact_horizon(reference: Reference, t_end: float, tolerance: float, show: Sh
             reason = "rounding is as large as the outputs from the start"
             raise SolverFailure("exact", 0.0, reason, "use multiprecision")
     against = f"{COPIES} copies of the problem, its numbers off by {PERTURBATION:.2g}, to half the tolerance"
-    ends = _order_decides(motion, horizon, reference.t) if system.rigid and horizon < t_end else ""
+    ends = _order_decides(motion, horizon, t) if system.rigid and horizon < t_end else ""
     return horizon, {"horizon_against": against} | ({"horizon_ends": ends} if ends else {})
 
 
