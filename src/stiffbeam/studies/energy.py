@@ -78,16 +78,13 @@ class Energy(Study):
             | {words: _share(schemes, part).map(energy_share) for part, words, *_ in PARTS}
         )
         end = f"{(schemes if len(schemes) else last).t.max():g}"
-        verdict = (
-            f"Schemes lose {extremes(lost, energy_share)} of the energy supplied to t = {end}, the exact flow none."
-        )
+        exact = ", the exact flow none" if closed else ""
+        verdict = f"Schemes lose {extremes(lost, energy_share)} of the energy supplied to t = {end}{exact}."
         why = "almost no energy is supplied" if schemes.sure.all() else "the steps do not resolve the work of dampers"
         if not lost and len(schemes):
             verdict = f"No loss of a scheme is known to t = {end}: {why}."
-        notes = (
-            "Shares of the energy supplied: initial energy plus the most work of the loads. Single runs. The energy "
-            f"balance of the exact flow closes to {', '.join(closed) or DASH}."
-        )
+        notes = "Shares of the energy supplied: initial energy plus the most work of the loads. Single runs."
+        notes += f" The energy balance of the exact flow closes to {', '.join(closed)}." if closed else ""
         return Answer(verdict, small, notes + f" {DASH}: {why}." * (len(lost) < len(schemes)))
 
     def draw(self, table: Table, figure: Figure, case: Case) -> None:

@@ -196,7 +196,7 @@ def _next(make: Maker, branch: Branch, value: float) -> Orbit:
     away = float(np.max(np.abs(np.concatenate([found.q, found.v]) - predicted) / scale))
     if away > max(FAR * float(np.max(np.abs(ahead) / scale)), JUMP if len(states) == 1 else 1e-2 * JUMP):
         reason = "no orbit is close to the last one, as past a fold or a grazing"
-        raise SolverFailure("periodic_orbit", value, reason, "take closer values")
+        raise SolverFailure("periodic_orbit", found.period, reason, "take closer values")
     return found
 
 
