@@ -100,7 +100,7 @@ def study_command(kind: type[Study]) -> Callable[..., int]:
                 show("drawing", 0, 0)
                 written = records.save(folder)
         if not write_json(records.name, records.to_dict(), json):
-            say(records.report().text(*[shutil.get_terminal_size().columns] * sys.stdout.isatty()))
+            say(records.report().text(shutil.get_terminal_size((160, 24)).columns))  # without a terminal 160
             say(f"Written: {', '.join(map(str, written)) or 'nothing'}")
         return 0 if written else 1
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-# Labels of length, time and force, or () where none are given; only times of records are converted.
+# Labels of length, time and force, or () where none are given; nothing is converted.
 Units = tuple[str, ...]
 SI: Units = ("m", "s", "N")
 

@@ -159,7 +159,7 @@ def _slope(system: System, base: SystemData, path: str) -> tuple[SystemData, flo
         return data_of(member).vector()
 
     def largest(numbers: Array) -> Array:
-        """Of each number the largest of its array: a stiffness may have a far larger slope than a row."""
+        """Largest of its array, for each number: a stiffness may have a far larger slope than a row."""
         sizes = vars(base.of_vector(numbers)).values()
         return np.concatenate([np.full(x.size, np.max(np.abs(x), initial=1e-300)) for x in sizes])
 
