@@ -242,7 +242,6 @@ def perform(
     study.require(case)
     if jobs is not None:
         integer("jobs", jobs, 1)
-    cores()  # a wrong setting would be the fault of every point
     name = study.name()
     with working(name, progress) as show:
         show(f"{name}: planning", 0, 0)
